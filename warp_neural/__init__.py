@@ -1,0 +1,13 @@
+"""Warp Neural: neural shading as a Python package on NVIDIA Warp."""
+
+import kernels
+
+if not getattr(kernels, "__warp_neural__", False):
+    raise ImportError(
+        f"the package 'kernels' at {kernels.__file__} is not Warp Neural's; uninstall it "
+        "(pip uninstall kernels) or use a fresh virtual environment"
+    )
+
+from warp_neural.errors import InputError
+
+__all__ = ["InputError"]
