@@ -1,0 +1,49 @@
+"""Activations: value and derivative as C expressions of the pre-activation `z`, the one text that every path compiles."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import warp as wp
+
+
+@dataclass(frozen=True)
+class Activation:
+    """An elementwise activation h = f(z).
+
+    `value` and `derivative` are C++ expressions of the float `z`; native code inlines them. `func` is the same as a
+    differentiable `@wp.func` float -> float for Warp kernels.
+    """
+
+    name: str
+    value: str
+    derivative: str
+
+    @cached_property
+    def func(self) -> wp.Function:
+        @wp.func_native(f"return {self.value};", adj_snippet=f"adj_z += adj_ret * ({self.derivative});")
+        def activation(z: float) -> float: ...
+
+        return activation
+
+
+SIGMOID = "(1.0f / (1.0f + wp::exp(-z)))"
+NORMAL_CDF = "(0.5f + 0.5f * wp::erf(0.70710678f * z))"
+
+linear = Activation("linear", "z", "1.0f")
+relu = Activation("relu", "(z > 0.0f ? z : 0.0f)", "(z > 0.0f ? 1.0f : 0.0f)")
+leaky_relu = Activation("leaky_relu", "(z > 0.0f ? z : 0.01f * z)", "(z > 0.0f ? 1.0f : 0.01f)")
+exponential = Activation("exponential", "wp::exp(z)", "wp::exp(z)")
+shifted_exponential = Activation("shifted_exponential", "wp::exp(z - 3.0f)", "wp::exp(z - 3.0f)")
+sigmoid = Activation("sigmoid", SIGMOID, f"{SIGMOID} * (1.0f - {SIGMOID})")
+tanh = Activation("tanh", "wp::tanh(z)", "(1.0f - wp::tanh(z) * wp::tanh(z))")
+silu = Activation("silu", f"z * {SIGMOID}", f"{SIGMOID} * (1.0f + z * (1.0f - {SIGMOID}))")
+gelu = Activation("gelu", f"z * {NORMAL_CDF}", f"({NORMAL_CDF} + 0.39894228f * z * wp::exp(-0.5f * z * z))")
+softplus = Activation("softplus", "((z > 0.0f ? z : 0.0f) + wp::log(1.0f + wp::exp(-wp::abs(z))))", SIGMOID)
+sine = Activation("sine", "wp::sin(z)", "wp::cos(z)")
+squareplus = Activation(
+    "squareplus", "0.5f * (z + wp::sqrt(z * z + 4.0f))", "0.5f * (1.0f + z / wp::sqrt(z * z + 4.0f))"
+)  # Barron 2021, "Squareplus", with b = 4
+
+ALL = (
+    linear, relu, leaky_relu, exponential, shifted_exponential, sigmoid, tanh, silu, gelu, softplus, sine, squareplus,
+)  # fmt: skip

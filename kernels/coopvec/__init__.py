@@ -1,0 +1,1 @@
+"""Cooperative vectors: matrix products of the vectors that single threads hold, on tensor cores where there are any."""

@@ -1,0 +1,71 @@
+"""Conversion between float and the bits of each number format; round to nearest even, as the hardware's `cvt.rn`."""
+
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32, Format
+
+BITS = "unsigned b; memcpy(&b, &x, 4);"
+VALUE = "wp::float32 v; memcpy(&v, &b, 4); return v;"
+
+
+def small_float_encode(mantissa: int, min_exponent: int, largest: float) -> str:
+    """Sign, exponent, mantissa in 8 bits (Micikevicius et al. 2022, "FP8 formats for deep learning"), saturating.
+
+    With step the spacing of the format at |x|, the code is the integer |x| / step plus the exponent's own steps; a
+    carry out of the mantissa lands in the exponent by itself.
+    """
+    return f"""{BITS}
+const unsigned sign = b >> 24 & 0x80u;
+if (x != x) return sign | 0x7fu;
+const wp::float32 a = wp::min(wp::abs(x), {largest}f);
+memcpy(&b, &a, 4);
+const int exponent = wp::max(static_cast<int>(b >> 23) - 127, {min_exponent});
+const unsigned step_bits = static_cast<unsigned>(exponent - {mantissa} + 127) << 23;
+wp::float32 step; memcpy(&step, &step_bits, 4);
+return sign | (static_cast<unsigned>((exponent - {min_exponent}) << {mantissa}) + static_cast<unsigned>(wp::rint(a / step)));
+"""
+
+
+ENCODE = {
+    FLOAT32: f"{BITS} return b;",
+    TF32: f"{BITS} return (b + 0x1000u) & 0xffffe000u;",  # cvt.rna: ties away from zero
+    FLOAT16: "return wp::float_to_half(x).u;",
+    BFLOAT16: f"{BITS} return (b + 0x7fffu + (b >> 16 & 1u)) >> 16;",
+    E4M3: small_float_encode(3, -6, 448.0),
+    E5M2: small_float_encode(2, -14, 57344.0),
+    INT8: "return static_cast<unsigned>(static_cast<int>(wp::rint(wp::clamp(x, -127.0f, 127.0f)))) & 0xffu;",
+}
+
+HALF = "wp::half h; h.u = static_cast<unsigned short>({}); "
+DECODE = {
+    FLOAT32: VALUE,
+    TF32: VALUE,
+    FLOAT16: HALF.format("b") + "return wp::half_to_float(h);",
+    BFLOAT16: f"b = b << 16; {VALUE}",
+    # the exponent field of a half, 8 too small: exact also for subnormal numbers
+    E4M3: HALF.format("(b & 0x80u) << 8 | (b & 0x7fu) << 7") + "return 256.0f * wp::half_to_float(h);",
+    E5M2: HALF.format("b << 8") + "return wp::half_to_float(h);",
+    INT8: "return static_cast<wp::float32>(static_cast<signed char>(b));",
+}
+
+
+@cache
+def make_encode(format: Format):
+    """`(x: float) -> uint32`, the bits of x in `format` in the low bits."""
+
+    @wp.func_native(ENCODE[format])
+    def encode(x: float) -> wp.uint32: ...
+
+    return encode
+
+
+@cache
+def make_decode(format: Format):
+    """`(b: uint32) -> float`, the value of bits in `format`."""
+
+    @wp.func_native(DECODE[format])
+    def decode(b: wp.uint32) -> float: ...
+
+    return decode

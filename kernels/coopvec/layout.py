@@ -1,0 +1,176 @@
+"""Where each parameter lies in a packed buffer, and the kernel that packs float32 parameters into it.
+
+CUDA, tensor-core formats ("inferencing optimal"): for each 8-wide tile of neurons and pair of K blocks, 16 bytes a lane,
+lanes in order, so that one 128-bit load feeds both B operands of two `mma.sync` (PTX ISA, fragment tables of m16n8k16,
+m16n8k32, m16n8k8). CUDA float32: row major, rows padded to 16 bytes. CPU: float32 values already rounded to the format,
+[n_in, n_out] with rows padded to 16 elements, so that the inner loop runs over neurons.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec.formats import make_decode, make_encode
+from kernels.coopvec.spec import FLOAT16, INT8, Format, NetworkSpec, round_up
+
+
+@dataclass(frozen=True)
+class LayerLayout:
+    """One layer in the packed buffer; offsets in 32-bit words from the network's start (`master` in floats).
+
+    k, n: inputs and outputs; k_pad, n_pad: as stored. scales (INT8): [1 / input step, input step * weight step].
+    """
+
+    k: int
+    n: int
+    k_pad: int
+    n_pad: int
+    weights: int
+    bias: int
+    scales: int
+    master: int
+
+    def k_blocks(self, format: Format) -> int:
+        return self.k_pad // format.k_step
+
+    def k_pairs(self, format: Format) -> int:
+        return (self.k_blocks(format) + 1) // 2
+
+
+def bias_is_half(spec: NetworkSpec, cuda: bool) -> bool:
+    """Float16 accumulators start from a float16 bias; every other bias is float32."""
+    return cuda and spec.accumulation == "float16" and spec.format.k_step > 0
+
+
+@cache
+def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ...], int]:
+    """The layers of one network and its size in words (a multiple of 4, so that every network starts 16-byte aligned)."""
+    layers, word, master, format = [], 0, 0, spec.format
+    for index, (k, n) in enumerate(spec.layers):
+        last = index == len(spec.layers) - 1
+        if not cuda:
+            k_pad, n_pad = k, round_up(n, 16)
+            n_words = k_pad * n_pad
+        elif format.k_step == 0:
+            k_pad, n_pad = round_up(k, 4), round_up(n, 4)
+            n_words = n_pad * k_pad
+        else:
+            k_pad, n_pad = round_up(k, format.k_step), round_up(n, 8 if last else max(8, format.k_step))
+            n_words = n_pad // 8 * ((k_pad // format.k_step + 1) // 2) * 128
+        bias = word + n_words
+        scales = bias + (n_pad // 2 if bias_is_half(spec, cuda) else n_pad)
+        layers.append(LayerLayout(k, n, k_pad, n_pad, word, bias, scales, master))
+        word = scales + 4
+        master += n * k + n
+    return tuple(layers), word
+
+
+LAYER_COLUMNS = 8  # of the table that the kernels below take: k, n, k_pad, n_pad, weights, bias, scales, master
+
+
+def layer_table(spec: NetworkSpec, cuda: bool) -> list[list[int]]:
+    """`network_layout` as rows of plain integers, [layers, LAYER_COLUMNS]."""
+    layers, _ = network_layout(spec, cuda)
+    return [[l.k, l.n, l.k_pad, l.n_pad, l.weights, l.bias, l.scales, l.master] for l in layers]
+
+
+@cache
+def make_fragment_coordinates(format: Format):
+    """`(word, element, k_pad) -> (n, k)` of one element in the tensor-core layout."""
+    k_step, per_word = wp.constant(format.k_step), wp.constant(format.per_word)
+
+    @wp.func
+    def fragment_coordinates(word: int, element: int, k_pad: int):
+        k_pairs = (k_pad / k_step + 1) / 2
+        half = word % 4 / 2  # which K block of the pair
+        register = word % 2  # which half of the K block
+        lane = word / 4 % 32
+        tile = word / 128
+        n = tile / k_pairs * 8 + lane / 4
+        k = (tile % k_pairs * 2 + half) * k_step
+        if wp.static(per_word == 1):
+            k += lane % 4 * 2 + register
+        else:
+            k += register * k_step / 2 + lane % 4 * 2 + element % 2 + element / 2 * 8
+        return n, k
+
+    return fragment_coordinates
+
+
+@cache
+def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
+    """The kernel that packs master parameters, launched with dim (networks, words of one network).
+
+    Arguments: layers [L, LAYER_COLUMNS]; steps [networks, L, 2], the (input, weight) quantization steps of INT8 (unused
+    otherwise); master [networks * n_parameters] row major; n_parameters; packed [networks * words].
+    """
+    encode, decode = make_encode(format), make_decode(format)
+    fragments = cuda and format.k_step > 0
+    if fragments:
+        coordinates = make_fragment_coordinates(format)
+    half_encode = make_encode(FLOAT16)
+    is_int8 = wp.constant(format is INT8)
+    bits, per_word = wp.constant(format.bits), wp.constant(format.per_word)
+
+    @wp.func
+    def weight(master: wp.array[float], base: int, n: int, k: int, n_out: int, n_in: int, step: float) -> wp.uint32:
+        if n >= n_out or k >= n_in:
+            return wp.uint32(0)
+        return encode(master[base + n * n_in + k] / step)
+
+    @wp.func
+    def bias(master: wp.array[float], base: int, n: int, n_out: int, n_in: int) -> float:
+        if n >= n_out:
+            return 0.0
+        return master[base + n_out * n_in + n]
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def pack_kernel(
+        layers: wp.array2d[int],
+        steps: wp.array3d[float],
+        master: wp.array[float],
+        n_parameters: int,
+        packed: wp.array[wp.uint32],
+        words: int,
+    ):
+        network, word = wp.tid()
+        layer = layers.shape[0] - 1
+        while layers[layer, 4] > word:
+            layer -= 1
+        n_in = layers[layer, 0]
+        n_out = layers[layer, 1]
+        k_pad = layers[layer, 2]
+        n_pad = layers[layer, 3]
+        base = network * n_parameters + layers[layer, 7]
+        step = float(1.0)
+        if wp.static(is_int8):
+            step = steps[network, layer, 1]
+        result = wp.uint32(0)
+        if word < layers[layer, 5]:
+            local = word - layers[layer, 4]
+            if wp.static(fragments):
+                for element in range(wp.static(format.per_word)):
+                    n, k = coordinates(local, element, k_pad)
+                    code = weight(master, base, n, k, n_out, n_in, step)
+                    result = result | (code << wp.uint32(element * bits))
+            elif wp.static(cuda):
+                result = weight(master, base, local / k_pad, local % k_pad, n_out, n_in, step)
+            else:
+                code = weight(master, base, local % n_pad, local / n_pad, n_out, n_in, step)
+                result = wp.cast(decode(code), wp.uint32)
+        elif word < layers[layer, 6]:
+            local = word - layers[layer, 5]
+            if wp.static(half_bias):
+                low = half_encode(bias(master, base, 2 * local, n_out, n_in))
+                result = low | (half_encode(bias(master, base, 2 * local + 1, n_out, n_in)) << wp.uint32(16))
+            else:
+                result = wp.cast(bias(master, base, local, n_out, n_in), wp.uint32)
+        elif wp.static(is_int8):
+            if word == layers[layer, 6]:
+                result = wp.cast(1.0 / steps[network, layer, 0], wp.uint32)
+            elif word == layers[layer, 6] + 1:
+                result = wp.cast(steps[network, layer, 0] * step, wp.uint32)
+        packed[network * words + word] = result
+
+    return pack_kernel

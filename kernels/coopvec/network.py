@@ -1,0 +1,29 @@
+"""A whole network as one function of the calling thread: native code for the CPU and for CUDA behind one signature."""
+
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec import cpu, cuda
+from kernels.coopvec.spec import NetworkSpec, Parameters
+
+
+@cache
+def make_network(spec: NetworkSpec) -> wp.Function:
+    """`(params: Parameters, x: spec.vec_in) -> spec.vec_out`, differentiable in x and in `params.master`.
+
+    Any thread may call it under any control flow, each with its own `params.network`. On CUDA, warps whose 32 lanes
+    arrive together multiply on the tensor cores; other threads get the same result by per-thread arithmetic.
+    """
+    vec_in, vec_out = spec.vec_in, spec.vec_out
+
+    @wp.func_native(
+        both(cpu.forward(spec), cuda.forward(spec)), adj_snippet=both(cpu.adjoint(spec), cuda.adjoint(spec))
+    )
+    def network(params: Parameters, x: vec_in) -> vec_out: ...
+
+    return network
+
+
+def both(cpu_text: str, cuda_text: str) -> str:
+    return f"#if defined(__CUDA_ARCH__)\n{cuda_text}\n#else\n{cpu_text}\n#endif\n"

@@ -1,0 +1,95 @@
+"""What a cooperative network is made of: number formats, sizes, activations, and where each parameter lies."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import warp as wp
+
+from kernels import activations
+from kernels.activations import Activation
+
+
+@dataclass(frozen=True)
+class Format:
+    """A number format of matrix and vector elements inside the products.
+
+    bits: storage of one element. k_step: depth K of one `mma.sync` (0: per-thread arithmetic). min_arch: the oldest
+    CUDA architecture whose tensor cores multiply it. largest: the largest finite value, where conversion saturates.
+    """
+
+    name: str
+    bits: int
+    k_step: int
+    min_arch: int
+    largest: float
+
+    @property
+    def per_word(self) -> int:
+        """Elements in one 32-bit register."""
+        return 32 // self.bits
+
+
+FLOAT32 = Format("float32", 32, 0, 0, 3.4028235e38)
+TF32 = Format("tf32", 32, 8, 80, 3.4028235e38)
+FLOAT16 = Format("float16", 16, 16, 80, 65504.0)
+BFLOAT16 = Format("bfloat16", 16, 16, 80, 3.3895314e38)
+E4M3 = Format("e4m3", 8, 32, 89, 448.0)
+E5M2 = Format("e5m2", 8, 32, 89, 57344.0)
+INT8 = Format("int8", 8, 32, 80, 127.0)
+
+FORMATS = {f.name: f for f in (FLOAT32, TF32, FLOAT16, BFLOAT16, E4M3, E5M2, INT8)}
+
+
+@dataclass(frozen=True)
+class NetworkSpec:
+    """A fully connected network: `sizes` = (n_in, hidden..., n_out); one pair is a single matrix product.
+
+    format: of weights and of the vectors between layers. accumulation: "float32" or "float16" (INT8 always accumulates
+    in int32). dtype: `wp.float32` or `wp.float16`, the element type of the vectors that callers pass and get.
+    """
+
+    sizes: tuple[int, ...]
+    activation: Activation = activations.relu
+    output_activation: Activation = activations.linear
+    format: Format = FLOAT16
+    accumulation: str = "float32"
+    dtype: type = wp.float32
+
+    @property
+    def layers(self) -> list[tuple[int, int]]:
+        """(n_in, n_out) of each layer."""
+        return list(zip(self.sizes[:-1], self.sizes[1:], strict=True))
+
+    def activation_of(self, layer: int) -> Activation:
+        return self.output_activation if layer == len(self.sizes) - 2 else self.activation
+
+    @cached_property
+    def n_parameters(self) -> int:
+        """Float32 master parameters of one network: for each layer weights [n_out, n_in] row major, then biases."""
+        return sum(n * k + n for k, n in self.layers)
+
+    @property
+    def vec_in(self) -> type:
+        return wp.types.vector(self.sizes[0], self.dtype)
+
+    @property
+    def vec_out(self) -> type:
+        return wp.types.vector(self.sizes[-1], self.dtype)
+
+
+@wp.struct
+class Parameters:
+    """Parameters of one or more networks of one `NetworkSpec`, as device code takes them.
+
+    packed: weights and biases rounded to the format, in the device's inferencing-optimal layout, all networks.
+    master: float32, `NetworkSpec.n_parameters` a network, row major; its `grad` receives the gradient.
+    network: which of the networks in the buffers a thread evaluates; threads of one warp may differ.
+    """
+
+    packed: wp.array[wp.uint32]
+    master: wp.array[float]
+    network: int
+
+
+def round_up(value: int, multiple: int) -> int:
+    return -(-value // multiple) * multiple
