@@ -1,4 +1,4 @@
-"""Activations: value and derivative as C expressions of the pre-activation `z`, the one text that every path compiles."""
+"""Activations: value and derivative as C expressions of the pre-activation `z`, the one text that all paths compile."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +24,15 @@ class Activation:
         def activation(z: float) -> float: ...
 
         return activation
+
+    @cached_property
+    def slope(self) -> wp.Function:
+        """The derivative as a `@wp.func` float -> float."""
+
+        @wp.func_native(f"return {self.derivative};")
+        def slope(z: float) -> float: ...
+
+        return slope
 
 
 SIGMOID = "(1.0f / (1.0f + wp::exp(-z)))"

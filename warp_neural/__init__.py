@@ -9,5 +9,6 @@ if not getattr(kernels, "__warp_neural__", False):
     )
 
 from warp_neural.errors import InputError
+from warp_neural.network import MLP
 
-__all__ = ["InputError"]
+__all__ = ["MLP", "InputError"]

@@ -24,7 +24,8 @@ memcpy(&b, &a, 4);
 const int exponent = wp::max(static_cast<int>(b >> 23) - 127, {min_exponent});
 const unsigned step_bits = static_cast<unsigned>(exponent - {mantissa} + 127) << 23;
 wp::float32 step; memcpy(&step, &step_bits, 4);
-return sign | (static_cast<unsigned>((exponent - {min_exponent}) << {mantissa}) + static_cast<unsigned>(wp::rint(a / step)));
+const int first = (exponent - {min_exponent}) << {mantissa};
+return sign | static_cast<unsigned>(first + static_cast<int>(wp::rint(a / step)));
 """
 
 

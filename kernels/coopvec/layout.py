@@ -1,9 +1,9 @@
 """Where each parameter lies in a packed buffer, and the kernel that packs float32 parameters into it.
 
-CUDA, tensor-core formats ("inferencing optimal"): for each 8-wide tile of neurons and pair of K blocks, 16 bytes a lane,
-lanes in order, so that one 128-bit load feeds both B operands of two `mma.sync` (PTX ISA, fragment tables of m16n8k16,
-m16n8k32, m16n8k8). CUDA float32: row major, rows padded to 16 bytes. CPU: float32 values already rounded to the format,
-[n_in, n_out] with rows padded to 16 elements, so that the inner loop runs over neurons.
+CUDA, tensor-core formats ("inferencing optimal"): for each 8-wide tile of neurons and pair of K blocks, 16 bytes a
+lane, lanes in order, so that one 128-bit load feeds both B operands of two `mma.sync` (PTX ISA, fragment tables of
+m16n8k16, m16n8k32, m16n8k8). CUDA float32: row major, rows padded to 16 bytes. CPU: float32 values already rounded to
+the format, [n_in, n_out] with rows padded to 16 elements, so that the inner loop runs over neurons.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ def bias_is_half(spec: NetworkSpec, cuda: bool) -> bool:
 
 @cache
 def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ...], int]:
-    """The layers of one network and its size in words (a multiple of 4, so that every network starts 16-byte aligned)."""
+    """The layers of one network and its size in words, a multiple of 4: every network starts 16-byte aligned."""
     layers, word, master, format = [], 0, 0, spec.format
     for index, (k, n) in enumerate(spec.layers):
         last = index == len(spec.layers) - 1
@@ -111,7 +111,7 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
         coordinates = make_fragment_coordinates(format)
     half_encode = make_encode(FLOAT16)
     is_int8 = wp.constant(format is INT8)
-    bits, per_word = wp.constant(format.bits), wp.constant(format.per_word)
+    bits = wp.constant(format.bits)
 
     @wp.func
     def weight(master: wp.array[float], base: int, n: int, k: int, n_out: int, n_in: int, step: float) -> wp.uint32:

@@ -39,6 +39,8 @@ INT8 = Format("int8", 8, 32, 80, 127.0)
 
 FORMATS = {f.name: f for f in (FLOAT32, TF32, FLOAT16, BFLOAT16, E4M3, E5M2, INT8)}
 
+MAX_SIZE, MAX_LAYERS = 256, 9  # of one vector; products in a network
+
 
 @dataclass(frozen=True)
 class NetworkSpec:
@@ -54,6 +56,16 @@ class NetworkSpec:
     format: Format = FLOAT16
     accumulation: str = "float32"
     dtype: type = wp.float32
+
+    def __post_init__(self):
+        if not (2 <= len(self.sizes) <= MAX_LAYERS + 1 and all(1 <= size <= MAX_SIZE for size in self.sizes)):
+            raise ValueError(f"sizes {self.sizes}: a network has 1 to {MAX_LAYERS} layers of sizes 1 to {MAX_SIZE}")
+        if self.accumulation not in ("float32", "float16"):
+            raise ValueError(f"accumulation {self.accumulation!r}: not one of float32, float16")
+        if self.accumulation == "float16" and self.format not in (FLOAT16, E4M3, E5M2):
+            raise ValueError(f"{self.format.name} accumulates in float32 only; float16, e4m3 and e5m2 in float16 too")
+        if self.dtype not in (wp.float32, wp.float16):
+            raise ValueError(f"dtype {self.dtype}: vectors are of float32 or float16")
 
     @property
     def layers(self) -> list[tuple[int, int]]:
@@ -89,6 +101,14 @@ class Parameters:
     packed: wp.array[wp.uint32]
     master: wp.array[float]
     network: int
+
+
+@wp.func
+def select_network(params: Parameters, network: int) -> Parameters:
+    """`params` with another of its networks."""
+    selected = params
+    selected.network = network
+    return selected
 
 
 def round_up(value: int, multiple: int) -> int:

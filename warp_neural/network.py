@@ -1,0 +1,201 @@
+"""`MLP`: a small fully connected network that any thread of any Warp kernel can call, and the arrays it reads."""
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from kernels import activations
+from kernels.activations import Activation
+from kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
+from kernels.coopvec.network import make_network
+from kernels.coopvec.spec import FORMATS, INT8, NetworkSpec, Parameters, select_network
+from kernels.mlp import make_layer_kernel, make_mlp, make_tiled_mlp
+from warp_neural.errors import InputError
+from warp_neural.initialization import xavier_uniform
+
+IMPLEMENTATIONS = {"cooperative": make_network, "per_thread": make_mlp, "tiled": make_tiled_mlp}
+
+
+class MLP:
+    """`count` networks n_in -> width (`depth` times) -> n_out with one shape, in one pair of buffers.
+
+    In a kernel that takes `params: net.Params`, `net.func(params, x)` evaluates network `params.network` for the
+    `net.vec_in` x of the calling thread; `net.select(params, i)` is `params` with another network. Differentiable
+    through `wp.Tape`: gradients reach `net.gradient` and x.
+
+    precision: the format of weights and of the vectors between layers, one of `FORMATS`. accumulation: "float32" or,
+    for float16, e4m3 and e5m2, "float16". dtype: element type of the vectors, float or `wp.float16`. implementation:
+    "cooperative" (tensor cores), "per_thread" (float32 loops) or "tiled" (whole blocks: see `make_tiled_mlp`); the
+    last two read the float32 parameters whatever the precision. initialization: see `warp_neural.initialization`;
+    biases start at zero.
+
+    After the float32 parameters in `master` have changed on the device, call `pack()`; with int8, `calibrate()`.
+    """
+
+    Params = Parameters
+
+    def __init__(
+        self,
+        n_in: int,
+        n_out: int,
+        width: int = 64,
+        depth: int = 3,
+        *,
+        activation: Activation = activations.relu,
+        output_activation: Activation = activations.linear,
+        precision: str = "float16",
+        accumulation: str = "float32",
+        dtype: type = float,
+        implementation: str = "cooperative",
+        initialization: Callable[[np.random.Generator, int, int], np.ndarray] = xavier_uniform,
+        count: int = 1,
+        seed: int = 0,
+        device: wp.DeviceLike = None,
+    ):
+        if precision not in FORMATS:
+            raise InputError(f"precision={precision!r}: not one of {', '.join(FORMATS)}")
+        if implementation not in IMPLEMENTATIONS:
+            raise InputError(f"implementation={implementation!r}: not one of {', '.join(IMPLEMENTATIONS)}")
+        if not 0 <= depth <= 8:
+            raise InputError(f"depth={depth}: a network has 0 to 8 hidden layers")
+        if count < 1:
+            raise InputError(f"count={count}: at least one network is needed")
+        sizes = (n_in, *[width] * depth, n_out)
+        dtype = wp.float32 if dtype is float else dtype
+        self.spec = NetworkSpec(sizes, activation, output_activation, FORMATS[precision], accumulation, dtype)
+        self.count, self.implementation = count, implementation
+        rng = np.random.default_rng(seed)
+        shapes = self.spec.layers * count
+        layers = [np.hstack([initialization(rng, n, k).ravel(), np.zeros(n)]) for k, n in shapes]
+        self._calibration_inputs = np.random.default_rng(0).uniform(-1, 1, (256, n_in)).astype(np.float32)
+        self._allocate(np.hstack(layers), wp.get_device(device))
+
+    def _allocate(self, master: np.ndarray, device: wp.Device) -> None:
+        """Every array on `device`, once: `pack()` and launches allocate nothing, so a CUDA graph can hold them."""
+        spec, self.device = self.spec, device
+        words = network_layout(spec, device.is_cuda)[1]
+        self.words = words
+        self.master = wp.array(master, dtype=float, device=device, requires_grad=True)  # [count * n_parameters]
+        self.packed = wp.zeros(self.count * words, dtype=wp.uint32, device=device)
+        self.table = wp.array(layer_table(spec, device.is_cuda), dtype=int, device=device)
+        self.steps = wp.ones((self.count, len(spec.layers), 2), dtype=float, device=device)  # int8: input, weight
+        self.params = Parameters()
+        self.params.packed, self.params.master, self.params.network = self.packed, self.master, 0
+        self._refresh()
+
+    @property
+    def vec_in(self) -> type:
+        return self.spec.vec_in
+
+    @property
+    def vec_out(self) -> type:
+        return self.spec.vec_out
+
+    @property
+    def n_parameters(self) -> int:
+        """Of one network."""
+        return self.spec.n_parameters
+
+    @property
+    def gradient(self) -> wp.array:
+        """Of `master`, [count * n_parameters]."""
+        return self.master.grad
+
+    @cached_property
+    def func(self) -> wp.Function:
+        """`(params: net.Params, x: net.vec_in) -> net.vec_out`, for any thread of any kernel."""
+        return IMPLEMENTATIONS[self.implementation](self.spec)
+
+    @property
+    def select(self) -> wp.Function:
+        """`(params: net.Params, i: int) -> net.Params` with network i selected."""
+        return select_network
+
+    def pack(self) -> None:
+        """Round `master` into the buffer that `func` reads: one launch, which a CUDA graph can hold."""
+        cuda = self.device.is_cuda
+        wp.launch(
+            make_pack_kernel(self.spec.format, cuda, bias_is_half(self.spec, cuda)),
+            dim=(self.count, self.words),
+            inputs=[self.table, self.steps, self.master, self.n_parameters, self.packed, self.words],
+            device=self.device,
+        )
+
+    def to(self, device: wp.DeviceLike) -> "MLP":
+        """Move to another device, gradients left behind; returns self."""
+        device = wp.get_device(device)
+        if device != self.device:
+            self._allocate(self.master.numpy(), device)
+        return self
+
+    def calibrate(self, inputs: np.ndarray | None = None) -> None:
+        """Set the int8 steps of each layer of each network from sample inputs [n, n_in], then pack.
+
+        Inputs of a layer step by the largest that the float32 network sees there / 127, weights by their largest / 127.
+        Without `inputs` the last ones are taken again, at first uniform random numbers in [-1, 1].
+        """
+        if inputs is not None:
+            inputs = np.asarray(inputs, np.float32)
+            if inputs.ndim != 2 or inputs.shape[1] != self.spec.sizes[0] or not len(inputs):
+                raise InputError(f"calibration inputs {inputs.shape}: expected [n, {self.spec.sizes[0]}]")
+            self._calibration_inputs = inputs
+        samples, layers = len(self._calibration_inputs), self.spec.layers
+        ranges = wp.zeros((self.count, len(layers)), dtype=float, device=self.device)
+        h = np.broadcast_to(self._calibration_inputs, (self.count, *self._calibration_inputs.shape))
+        h = wp.array(h, dtype=float, device=self.device)
+        for layer, (_, n_out) in enumerate(layers):
+            y = wp.empty((self.count, samples, n_out), dtype=float, device=self.device)  # [network, sample, n_out]
+            wp.launch(
+                make_layer_kernel(self.spec.activation_of(layer)),
+                dim=y.shape,
+                inputs=[self.master, self.n_parameters, self.table, layer, h, ranges, y],
+                device=self.device,
+            )
+            h = y
+        weights = np.stack([np.abs(w).reshape(self.count, -1).max(1) for w in self.weights], 1)
+        largest = np.stack([ranges.numpy(), weights], -1)  # [count, layers, 2]
+        self.steps.assign(np.where(largest > 0, largest, 1) / 127)
+        self.pack()
+
+    def _refresh(self) -> None:
+        if self.spec.format is INT8:
+            self.calibrate()
+        else:
+            self.pack()
+
+    def _views(self, master: np.ndarray, part: int) -> list[np.ndarray]:
+        """The weights (part 0) or biases (1) of each layer in `master`, with an axis of networks if several."""
+        master, views, start = master.reshape(self.count, -1), [], 0
+        for n_in, n_out in self.spec.layers:
+            weights = master[:, start : start + n_out * n_in].reshape(self.count, n_out, n_in)
+            start += n_out * n_in + n_out
+            view = weights if part == 0 else master[:, start - n_out : start]
+            views.append(view if self.count > 1 else view[0])
+        return views
+
+    def _assign(self, values: list[np.ndarray], part: int) -> None:
+        master = self.master.numpy().copy()
+        for view, value in zip(self._views(master, part), values, strict=True):
+            view[...] = value
+        self.master.assign(master)
+        self._refresh()
+
+    @property
+    def weights(self) -> list[np.ndarray]:
+        """Of each layer, [n_out, n_in], or [count, n_out, n_in] for several networks; assign a list to set them."""
+        return self._views(self.master.numpy().copy(), 0)
+
+    @weights.setter
+    def weights(self, values: list[np.ndarray]) -> None:
+        self._assign(values, 0)
+
+    @property
+    def biases(self) -> list[np.ndarray]:
+        """Of each layer, [n_out], or [count, n_out] for several networks; assign a list to set them."""
+        return self._views(self.master.numpy().copy(), 1)
+
+    @biases.setter
+    def biases(self, values: list[np.ndarray]) -> None:
+        self._assign(values, 1)
