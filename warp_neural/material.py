@@ -86,11 +86,11 @@ class Material:
 def load_material(folder: Path | str) -> Material:
     """The maps in `folder`, by the names of ambientCG, Poly Haven or plain ones, in any format `load_image` reads.
 
-    Case does not count: `PavingStones070_2K-JPG_Color.jpg`, `brick_wall_diff_4k.png` and `albedo.exr` are all the albedo.
+    Case does not count: `PavingStones070_2K-JPG_Color.jpg`, `brick_wall_diff_4k.png`, `albedo.exr` are all the albedo.
     Integer albedo files are decoded from sRGB, every other map is linear data. Normals are decoded by 2 x - 1 and made
     unit length; of an OpenGL and a DirectX map the OpenGL one is read, a lone DirectX map has its green flipped. A grey
-    map stored as RGB is averaged. A missing map gets its value in `DEFAULTS`, a missing opacity the albedo's alpha if it
-    has one.
+    map stored as RGB is averaged. A missing map gets its value in `DEFAULTS`, a missing opacity the albedo's alpha if
+    it has one.
 
     Raises `InputError` for a folder without maps, several files for one map, unequal sizes, values outside [0, 1]
     (height may have any), and normals that are nowhere or point into the surface.
@@ -159,7 +159,7 @@ def find_maps(folder: Path | str) -> dict[str, Path]:
 
 
 def _tag(path: Path) -> str | None:
-    """The word that ends a file's name, without a resolution such as `2k` after it: `Rock_nor_gl_4k.png` to `nor_gl`."""
+    """The word that ends a file's name, without a resolution after it: `nor_gl` of `Rock_nor_gl_4k.png`."""
     words = re.sub(r"([ ._-]\d+k)+$", "", path.stem.lower())
     for tags in _TAGS.values():
         for tag in tags:
