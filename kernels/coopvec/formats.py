@@ -31,9 +31,9 @@ return sign | static_cast<unsigned>(first + static_cast<int>(wp::rint(a / step))
 
 ENCODE = {
     FLOAT32: f"{BITS} return b;",
-    TF32: f"{BITS} return (b + 0x1000u) & 0xffffe000u;",  # cvt.rna: ties away from zero
+    TF32: f"{BITS} return x == x ? (b + 0x1000u) & 0xffffe000u : 0x7fffffffu;",  # cvt.rna: ties away from zero
     FLOAT16: "return wp::float_to_half(x).u;",
-    BFLOAT16: f"{BITS} return (b + 0x7fffu + (b >> 16 & 1u)) >> 16;",
+    BFLOAT16: f"{BITS} return x == x ? (b + 0x7fffu + (b >> 16 & 1u)) >> 16 : 0x7fffu;",
     E4M3: small_float_encode(3, -6, 448.0),
     E5M2: small_float_encode(2, -14, 57344.0),
     INT8: "return static_cast<unsigned>(static_cast<int>(wp::rint(wp::clamp(x, -127.0f, 127.0f)))) & 0xffu;",
@@ -46,7 +46,8 @@ DECODE = {
     FLOAT16: HALF.format("b") + "return wp::half_to_float(h);",
     BFLOAT16: f"b = b << 16; {VALUE}",
     # the exponent field of a half, 8 too small: exact also for subnormal numbers
-    E4M3: HALF.format("(b & 0x80u) << 8 | (b & 0x7fu) << 7") + "return 256.0f * wp::half_to_float(h);",
+    E4M3: HALF.format("(b & 0x80u) << 8 | (b & 0x7fu) << ((b & 0x7fu) == 0x7fu ? 8 : 7)")
+    + "return 256.0f * wp::half_to_float(h);",
     E5M2: HALF.format("b << 8") + "return wp::half_to_float(h);",
     INT8: "return static_cast<wp::float32>(static_cast<signed char>(b));",
 }

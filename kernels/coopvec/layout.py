@@ -45,7 +45,7 @@ def bias_is_half(spec: NetworkSpec, cuda: bool) -> bool:
 
 @cache
 def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ...], int]:
-    """The layers of one network and its size in words, a multiple of 4: every network starts 16-byte aligned."""
+    """The layers of one network and its size in words; each layer starts at a multiple of 16 bytes (CPU: 64)."""
     layers, word, master, format = [], 0, 0, spec.format
     for index, (k, n) in enumerate(spec.layers):
         last = index == len(spec.layers) - 1
@@ -61,7 +61,7 @@ def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ..
         bias = word + n_words
         scales = bias + (n_pad // 2 if bias_is_half(spec, cuda) else n_pad)
         layers.append(LayerLayout(k, n, k_pad, n_pad, word, bias, scales, master))
-        word = scales + 4
+        word = scales + (4 if cuda else 16)
         master += n * k + n
     return tuple(layers), word
 
