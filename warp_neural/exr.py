@@ -4,6 +4,7 @@ import io
 from collections.abc import Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import OpenEXR
@@ -24,12 +25,8 @@ def load_exr(path: Path | str) -> dict[str, np.ndarray]:
     its smaller size. Raises `InputError` for multi-part and deep files and for damaged ones.
     """
     path = Path(path)
-    _check_header(path)
-    with redirect_stdout(io.StringIO()):  # a part that fails is printed and left out, not raised
-        parts = _open(path).parts
-    if not parts:
-        raise InputError(f"{path}: the EXR's pixel data is cut short or damaged; export or copy it again")
-    return {name: channel.pixels for name, channel in parts[0].channels.items()}
+    check_header(path)
+    return read_channels(path, path)
 
 
 def save_exr(
@@ -40,6 +37,14 @@ def save_exr(
     B44, DWAA and DWAB `compression` change values. Raises `InputError` for other dtypes or shapes, or if not writable.
     """
     path = Path(path)
+    header = {"compression": compression, "type": OpenEXR.scanlineimage}
+    file = OpenEXR.File(header, checked_channels(path, channels))
+    with atomic_path(path) as temporary:
+        write_file(file, str(temporary), path)
+
+
+def checked_channels(path: Path, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """`channels` in memory as the library wants them, or an `InputError` that says what an EXR cannot hold."""
     pixels = {name: np.ascontiguousarray(values) for name, values in channels.items()}
     if not pixels:
         raise InputError(f"{path}: there is no channel to save; give at least one")
@@ -49,29 +54,37 @@ def save_exr(
     for name, values in pixels.items():
         if values.dtype not in _PIXEL_TYPES:
             raise InputError(f"{path}: channel {name} is {values.dtype}; convert it to float16, float32 or uint32")
-    header = {"compression": compression, "type": OpenEXR.scanlineimage}
-    with atomic_path(path) as temporary:
-        write_file(OpenEXR.File(header, pixels), temporary, path)
+    return pixels
 
 
-def write_file(file: OpenEXR.File, temporary: Path, path: Path) -> None:
-    """Write `file` to `temporary`; the library's own errors become an `InputError` about `path`."""
+def read_channels(source: Path | BinaryIO, path: Path) -> dict[str, np.ndarray]:
+    """The channels of the first part of `source`; errors are `InputError`s about `path`."""
+    with redirect_stdout(io.StringIO()):  # a part that fails is printed and left out, not raised
+        parts = _open(source, path).parts
+    if not parts:
+        raise InputError(f"{path}: the EXR's pixel data is cut short or damaged; export or copy it again")
+    return {name: channel.pixels for name, channel in parts[0].channels.items()}
+
+
+def write_file(file: OpenEXR.File, target: str | BinaryIO, path: Path) -> None:
+    """Write `file` to `target`, a path or stream; the library's own errors become an `InputError` about `path`."""
     try:
-        file.write(str(temporary))
+        file.write(target)
     except (RuntimeError, ValueError) as error:
         raise InputError(f"{path}: the EXR could not be written ({error}); nothing was changed") from error
 
 
-def _open(path: Path, header_only: bool = False) -> OpenEXR.File:
+def _open(source: Path | BinaryIO, path: Path, header_only: bool = False) -> OpenEXR.File:
+    source = str(source) if isinstance(source, Path) else source
     try:
-        return OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
+        return OpenEXR.File(source, separate_channels=True, header_only=header_only)
     except (RuntimeError, ValueError) as error:
         raise InputError(f"{path}: not a whole, readable EXR ({error}); export or copy it again") from error
 
 
-def _check_header(path: Path) -> None:
+def check_header(path: Path) -> None:
     """Refuse, from the header alone, what is not one flat picture of a sensible size."""
-    parts = _open(path, header_only=True).parts
+    parts = _open(path, path, header_only=True).parts
     if len(parts) > 1:
         names = ", ".join(part.header.get("name", "unnamed") for part in parts)
         raise InputError(f"{path}: multi-part EXR with the parts {names}; save the one you want as a single-part EXR")
