@@ -15,6 +15,7 @@ from warp_neural.files import atomic_path
 MAX_PIXELS = 2**27
 """The largest picture that is read, e.g. 16384 x 8192: a header that claims more is refused before memory is taken."""
 
+_MAX_TILE = 2**24
 _PIXEL_TYPES = (np.float16, np.float32, np.uint32)
 
 
@@ -95,3 +96,6 @@ def check_header(path: Path) -> None:
     width, height = (int(size) for size in high - low + 1)
     if width * height * max(1, len(header["channels"]) / 4) > MAX_PIXELS:
         raise InputError(f"{path}: claims {width} x {height} pixels, more than {MAX_PIXELS} in all; scale it down")
+    tiles = header.get("tiles")
+    if tiles and tiles.xSize * tiles.ySize > _MAX_TILE:  # the library takes memory for whole tiles
+        raise InputError(f"{path}: tiles of {tiles.xSize} x {tiles.ySize} pixels; save it with smaller ones")

@@ -57,7 +57,7 @@ def load_exr_mips(path: Path | str) -> list[dict[str, np.ndarray]]:
         counts = header.tile_counts()
         tiles = iter(_tiles(data, header.end, sum(counts)))
         files = [_level_file(header, k, [next(tiles) for _ in range(count)]) for k, count in enumerate(counts)]
-    except (struct.error, ValueError, KeyError) as error:
+    except (struct.error, ValueError, LookupError, ArithmeticError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: the EXR's mip levels are cut short or damaged; export or copy it again") from error

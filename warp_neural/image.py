@@ -7,11 +7,22 @@ import numpy as np
 
 from warp_neural.errors import InputError
 from warp_neural.exr import MAX_PIXELS, load_exr, save_exr
+from warp_neural.exr_mips import load_exr_mips, save_exr_mips
 from warp_neural.files import atomic_path
 from warp_neural.radiance import decode_hdr, encode_hdr
 from warp_neural.raster import decode_pillow, decode_tiff, encode_jpeg, encode_png, encode_tiff
 
-__all__ = ["linear_to_srgb", "load_exr", "load_image", "save_exr", "save_image", "srgb_to_linear", "suffixes"]
+__all__ = [
+    "linear_to_srgb",
+    "load_exr",
+    "load_exr_mips",
+    "load_image",
+    "save_exr",
+    "save_exr_mips",
+    "save_image",
+    "srgb_to_linear",
+    "suffixes",
+]
 
 ColorSpace = Literal["srgb", "linear"]
 
@@ -50,6 +61,7 @@ def load_image(path: Path | str, *, color_space: ColorSpace | None = None) -> np
     NaN or infinite values.
     """
     path = Path(path)
+    _check_color_space(path, color_space)
     pixels = _decode(path, _format_of(path))
     if pixels.dtype not in (np.uint8, np.uint16) and pixels.dtype.kind != "f":
         raise InputError(f"{path}: values of type {pixels.dtype}; save it with 8 or 16 bits or as float32")
@@ -71,6 +83,7 @@ def save_image(
     Raises `InputError` for NaN or infinite values, other shapes and dtypes, and what the format cannot hold.
     """
     path = Path(path)
+    _check_color_space(path, color_space)
     file_format = _format_of(path)
     bits = _BITS[file_format][0] if bits is None else bits
     if bits not in _BITS[file_format]:
@@ -103,6 +116,11 @@ def linear_to_srgb(x: np.ndarray) -> np.ndarray:
     return np.where(x <= 0.0031308, x * 12.92, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
+def _check_color_space(path: Path, color_space: str | None) -> None:
+    if color_space not in (None, "srgb", "linear"):
+        raise InputError(f"{path}: color_space={color_space!r}; choose 'srgb', 'linear' or None")
+
+
 def _format_of(path: Path) -> str:
     try:
         return _SUFFIXES[path.suffix.lower()]
@@ -119,7 +137,7 @@ def _decode(path: Path, file_format: str) -> np.ndarray:
     content = next((name for magic, name in _MAGIC.items() if data.startswith(magic)), None)
     if content != file_format:
         remedy = "rename it" if content else "export or copy it again"
-        raise InputError(f"{path}: not a {file_format} but {content or 'no known'} image by its content; {remedy}")
+        raise InputError(f"{path}: its content is {content or 'no known image'}, not {file_format}; {remedy}")
     if file_format == "EXR":
         return _load_exr_image(path)
     decode = {"TIFF": decode_tiff, "Radiance HDR": decode_hdr}.get(file_format, decode_pillow)

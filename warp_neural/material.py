@@ -109,7 +109,7 @@ def load_material(folder: Path | str) -> Material:
     for name, path in files.items():
         _check_range(name, path, loaded[name])
         if name == "normal":
-            maps[name] = _decode_normal(path, loaded[name], flip=_tag(path) in _DIRECTX)
+            maps[name] = _decode_normal(path, loaded[name], flip=_tag(path.name) in _DIRECTX)
         elif name == "albedo":
             maps[name][:] = np.clip(loaded[name][..., :3], 0, 1)
         else:
@@ -143,10 +143,10 @@ def find_maps(folder: Path | str) -> dict[str, Path]:
     except OSError as error:
         raise InputError(f"{folder}: not a readable folder ({error.strerror}); give one that holds maps") from error
     found = {}
-    for name, tags in _TAGS.items():
-        candidates = [path for path in paths if _tag(path) in tags]
-        if any(_tag(path) not in _DIRECTX for path in candidates):  # ambientCG ships both conventions
-            candidates = [path for path in candidates if _tag(path) not in _DIRECTX]
+    for name in DEFAULTS:
+        candidates = [path for path in paths if map_of(path.name) == name]
+        if any(_tag(path.name) not in _DIRECTX for path in candidates):  # ambientCG ships both conventions
+            candidates = [path for path in candidates if _tag(path.name) not in _DIRECTX]
         if len(candidates) > 1:
             names = " and ".join(path.name for path in candidates)
             raise InputError(f"{folder}: {names} could each be the {name}; leave one of them")
@@ -158,14 +158,16 @@ def find_maps(folder: Path | str) -> dict[str, Path]:
     return found
 
 
-def _tag(path: Path) -> str | None:
+def map_of(name: str) -> str | None:
+    """The map that a file of this name holds, e.g. `height` for `Rock_disp_4k.png`; None for any other file."""
+    return next((map_name for map_name, tags in _TAGS.items() if _tag(name) in tags), None)
+
+
+def _tag(name: str) -> str | None:
     """The word that ends a file's name, without a resolution after it: `nor_gl` of `Rock_nor_gl_4k.png`."""
-    words = re.sub(r"([ ._-]\d+k)+$", "", path.stem.lower())
-    for tags in _TAGS.values():
-        for tag in tags:
-            if re.search(rf"(^|[ ._-]){tag}$", words):
-                return tag
-    return None
+    stem = re.sub(r"([ ._-]\d+k)+$", "", Path(name).stem.lower())
+    words = (tag for tags in _TAGS.values() for tag in tags)
+    return next((tag for tag in words if re.search(rf"(^|[ ._-]){tag}$", stem)), None)
 
 
 def _check_sizes(files: dict[str, Path], loaded: dict[str, np.ndarray]) -> None:

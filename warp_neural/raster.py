@@ -11,7 +11,17 @@ from PIL import Image
 
 from warp_neural.errors import InputError
 
-_DAMAGE = (OSError, SyntaxError, ValueError, EOFError, IndexError, KeyError, TypeError, struct.error, zlib.error)
+_DAMAGE = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    EOFError,
+    ArithmeticError,
+    LookupError,
+    TypeError,
+    struct.error,
+    zlib.error,
+)
 """What Pillow and tifffile raise for damaged files, in the experience of cutting and altering some."""
 
 
@@ -23,8 +33,10 @@ def decode_pillow(data: bytes, path, max_pixels: int) -> np.ndarray:
     """
     try:
         with warnings.catch_warnings():
-            # Pillow warns from 89 million pixels on; the check below is the limit here
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            # Pillow warns from 89 million pixels on, though the check below is the limit here, and of odd metadata,
+            # which is not used; pixels that it cannot decode are errors
+            warnings.filterwarnings("ignore", category=Image.DecompressionBombWarning)
+            warnings.filterwarnings("ignore", category=UserWarning, module="PIL")
             with Image.open(BytesIO(data)) as picture:
                 check_size(path, *picture.size, max_pixels)
                 return _pixels(picture, data)
