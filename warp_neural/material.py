@@ -44,7 +44,7 @@ class Material:
     albedo: np.ndarray
     """[height, width, 3], linear, in [0, 1]"""
     normal: np.ndarray
-    """[height, width, 3], unit length, tangent space: x right, y UP the picture (OpenGL), z out of the surface, above 0"""
+    """[height, width, 3], unit length, in tangent space: x right, y UP the picture (OpenGL), z above 0"""
     roughness: np.ndarray
     """[height, width], in [0, 1], perceptual: GGX's alpha is its square"""
     metalness: np.ndarray
