@@ -8,7 +8,8 @@ from functools import cache, reduce
 import warp as wp
 
 from kernels.activations import Activation
-from kernels.coopvec.spec import NetworkSpec, Parameters
+from kernels.coopvec.layout import network_layout
+from kernels.coopvec.spec import FLOAT16, NetworkSpec, Parameters
 
 
 @cache
@@ -140,5 +141,48 @@ def make_layer_kernel(activation: Activation):
     return layer_kernel
 
 
+@cache
 def make_tiled_mlp(spec: NetworkSpec) -> wp.Function:
-    raise NotImplementedError
+    """The network by `wp.tile_matmul`, a whole block at a time, on every device that Warp knows.
+
+    Calling condition: every thread of the block makes the call, together and with the same `params.network`, and the
+    launch (`wp.launch` with any `block_dim`, or `wp.launch_tiled`) has no partial block. One layer's weights and the
+    block's vectors must fit into shared memory. Float16 multiplies float16 tiles and sums in float32; all other
+    formats are float32.
+    """
+    vec_in, vec_out = spec.vec_in, spec.vec_out
+    float_in, float_out = wp.types.vector(spec.sizes[0], float), wp.types.vector(spec.sizes[-1], float)
+    sizes, half, last, n_parameters = spec.sizes, spec.format is FLOAT16, len(spec.layers) - 1, spec.n_parameters
+    counts = [n * k for k, n in spec.layers]
+    offsets = [layer.master for layer in network_layout(spec, False)[0]]
+    hidden, output = spec.activation.func, spec.output_activation.func
+
+    @wp.func
+    def layers(params: Parameters, x: vec_in, hidden: wp.Function, output: wp.Function) -> vec_out:
+        block_dim = len(wp.tile(0.0))  # the one way to have it as a constant
+        h = wp.tile(float_in(x))  # [n_in, block_dim]
+        for i in range(wp.static(last + 1)):  # unrolled
+            start = params.network * n_parameters + wp.static(offsets[i])
+            weights = wp.tile_load(params.master, shape=wp.static(counts[i]), offset=start)
+            bias = wp.tile_load(params.master, shape=wp.static(sizes[i + 1]), offset=start + wp.static(counts[i]))
+            matrix = wp.tile_reshape(weights, shape=(wp.static(sizes[i + 1]), wp.static(sizes[i])))
+            column = wp.tile_reshape(bias, shape=(wp.static(sizes[i + 1]), 1))
+            z = wp.tile_broadcast(column, shape=(wp.static(sizes[i + 1]), block_dim)) * 1.0
+            if wp.static(half):
+                wp.tile_matmul(wp.tile_astype(matrix, wp.float16), wp.tile_astype(h, wp.float16), z)
+            else:
+                # h * 1.0 is a tile in shared memory; h itself must not become one: the adjoint of wp.tile (Warp 1.19)
+                # then takes its values for its gradients
+                wp.tile_matmul(matrix, h * 1.0, z)
+            if wp.static(i == last):
+                h = wp.tile_map(output, z)
+            else:
+                h = wp.tile_map(hidden, z)
+        return vec_out(float_out(wp.untile(h)))
+
+    @wp.func
+    def tiled_mlp(params: Parameters, x: vec_in) -> vec_out:
+        # as arguments, because a module's hash (Warp 1.19) does not see functions that go straight to a builtin
+        return layers(params, x, hidden, output)
+
+    return tiled_mlp
