@@ -19,7 +19,8 @@ from kernels.coopvec.spec import FLOAT16, INT8, Format, NetworkSpec, round_up
 class LayerLayout:
     """One layer in the packed buffer; offsets in 32-bit words from the network's start (`master` in floats).
 
-    k, n: inputs and outputs; k_pad, n_pad: as stored. scales (INT8): [1 / input step, input step * weight step].
+    k, n: inputs and outputs; k_pad, n_pad: as stored. scales (INT8): 1 / input step, input step * weight step, and
+    1 / the next layer's input step.
     """
 
     k: int
@@ -59,7 +60,11 @@ def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ..
             k_pad, n_pad = round_up(k, format.k_step), round_up(n, 8 if last else max(8, format.k_step))
             n_words = n_pad // 8 * ((k_pad // format.k_step + 1) // 2) * 128
         bias = word + n_words
-        scales = bias + (n_pad // 2 if bias_is_half(spec, cuda) else n_pad)
+        if not cuda or format.k_step == 0:
+            bias_words = n_pad
+        else:
+            bias_words = round_up(n_pad, 16) if bias_is_half(spec, cuda) else 2 * n_pad
+        scales = bias + bias_words
         layers.append(LayerLayout(k, n, k_pad, n_pad, word, bias, scales, master))
         word = scales + (4 if cuda else 16)
         master += n * k + n
@@ -96,6 +101,19 @@ def make_fragment_coordinates(format: Format):
         return n, k
 
     return fragment_coordinates
+
+
+@wp.func
+def bias_column(word: int) -> int:
+    """Neuron of a float32 bias. 16 bytes a lane hold columns 2 t, 2 t + 1 of one tile, for rows g and again for g + 8:
+    the accumulators that the products start from."""
+    return word / 16 * 8 + word / 4 % 4 * 2 + word % 2
+
+
+@wp.func
+def half_bias_column(word: int) -> int:
+    """First neuron of a pair of float16 biases: 16 bytes a lane hold two tiles, for rows g and again for g + 8."""
+    return (word / 16 * 2 + word % 4 / 2) * 8 + word / 4 % 4 * 2
 
 
 @cache
@@ -162,8 +180,11 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
         elif word < layers[layer, 6]:
             local = word - layers[layer, 5]
             if wp.static(half_bias):
-                low = half_encode(bias(master, base, 2 * local, n_out, n_in))
-                result = low | (half_encode(bias(master, base, 2 * local + 1, n_out, n_in)) << wp.uint32(16))
+                n = half_bias_column(local)
+                low = half_encode(bias(master, base, n, n_out, n_in))
+                result = low | (half_encode(bias(master, base, n + 1, n_out, n_in)) << wp.uint32(16))
+            elif wp.static(fragments):
+                result = wp.cast(bias(master, base, bias_column(local), n_out, n_in), wp.uint32)
             else:
                 result = wp.cast(bias(master, base, local, n_out, n_in), wp.uint32)
         elif wp.static(is_int8):
@@ -171,6 +192,8 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
                 result = wp.cast(1.0 / steps[network, layer, 0], wp.uint32)
             elif word == layers[layer, 6] + 1:
                 result = wp.cast(steps[network, layer, 0] * step, wp.uint32)
+            elif word == layers[layer, 6] + 2 and layer + 1 < layers.shape[0]:
+                result = wp.cast(1.0 / steps[network, layer + 1, 0], wp.uint32)
         packed[network * words + word] = result
 
     return pack_kernel
