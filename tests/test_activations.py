@@ -1,0 +1,80 @@
+"""Every activation, its derivative and its adjoint against float64."""
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+
+from kernels import activations
+
+NAMES = [a.name for a in activations.ALL]
+VALUES, SLOPES = [a.func for a in activations.ALL], [a.slope for a in activations.ALL]
+
+
+@wp.kernel(module="unique")
+def value_kernel(z: wp.array[float], y: wp.array2d[float]):
+    i = wp.tid()
+    for a in range(wp.static(len(NAMES))):
+        y[a, i] = wp.static(VALUES[a])(z[i])
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def slope_kernel(z: wp.array[float], y: wp.array2d[float]):
+    i = wp.tid()
+    for a in range(wp.static(len(NAMES))):
+        y[a, i] = wp.static(SLOPES[a])(z[i])
+
+
+def points():
+    return np.linspace(-8, 8, 1000).astype(np.float32)  # not 0, where ReLU has no derivative
+
+
+def launch(kernel, device):
+    z = wp.array(points(), dtype=float, device=device, requires_grad=True)
+    y = wp.zeros((len(NAMES), len(z)), dtype=float, device=device, requires_grad=True)
+    with wp.Tape() as tape:
+        wp.launch(kernel, len(z), [z], [y], device=device)
+    return z, y, tape
+
+
+def tolerance(expected):
+    """A few units in the last place of float32; near zero, of the terms that cancel there (squareplus, GELU)."""
+    return 4e-6 * np.maximum(np.abs(expected), 1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_value(name, device):
+    y = launch(value_kernel, device)[1].numpy()[NAMES.index(name)]
+    expected = reference.ACTIVATIONS[name](points().astype(np.float64))
+    assert (np.abs(y - expected) <= tolerance(expected)).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_slope(name, device):
+    y = launch(slope_kernel, device)[1].numpy()[NAMES.index(name)]
+    expected = reference.slope(reference.ACTIVATIONS[name], points().astype(np.float64))
+    assert (np.abs(y - expected) <= tolerance(expected)).all()
+
+
+def test_adjoint(device):
+    z, y, tape = launch(value_kernel, device)
+    gradient = np.random.default_rng(0).normal(size=y.shape).astype(np.float32)
+    y.grad.assign(gradient)
+    tape.backward()
+    slopes = launch(slope_kernel, device)[1].numpy()
+    np.testing.assert_allclose(z.grad.numpy(), (slopes * gradient).sum(axis=0), rtol=1e-5, atol=1e-3)
+
+
+def test_extremes_stay_finite(device):
+    """Far out, activations are their asymptotes, and not infinity minus infinity."""
+    z = wp.array([-1e4, 1e4], dtype=float, device=device)
+    y = wp.zeros((len(NAMES), 2), dtype=float, device=device)
+    wp.launch(value_kernel, 2, [z], [y], device=device)
+    wp.launch(slope_kernel, 2, [z], [slopes := wp.zeros_like(y)], device=device)
+    for name, far, slope in zip(NAMES, y.numpy(), slopes.numpy(), strict=True):
+        if "exponential" not in name:
+            assert np.isfinite([*far, *slope]).all(), name
+    at = dict(zip(NAMES, y.numpy(), strict=True))
+    assert at["sigmoid"].tolist() == [0, 1] and at["tanh"].tolist() == [-1, 1]
+    for name in ("relu", "silu", "gelu", "softplus", "squareplus"):
+        np.testing.assert_allclose(at[name], [0, 1e4], atol=1e-3)
