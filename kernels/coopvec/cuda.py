@@ -8,6 +8,7 @@ import warp as wp
 from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec import cuda_adjoint, cuda_scalar
 from kernels.coopvec.fragments import (
+    MAX_GROUP,
     ROWS,
     accumulator,
     enter,
@@ -15,6 +16,7 @@ from kernels.coopvec.fragments import (
     load_weights,
     masked_products,
     packs_halves,
+    prelude,
     pre_activation,
     read_input,
     start_tile,
@@ -27,28 +29,48 @@ from kernels.coopvec.spec import BFLOAT16, FLOAT16, INT8, TF32, NetworkSpec
 
 def forward(spec: NetworkSpec) -> str:
     """The snippet's CUDA body."""
-    result = f"using real = wp::float32;\nwp::vec_t<{spec.sizes[-1]}, {cuda_scalar.C_TYPES[spec.dtype]}> y;\n"
+    n_in, n_out, c_type = spec.sizes[0], spec.sizes[-1], cuda_scalar.C_TYPES[spec.dtype]
+    result = "using real = wp::float32; using Params = decltype(params);\n"
+    result += f"using X = wp::vec_t<{n_in}, {c_type}>; using Y = wp::vec_t<{n_out}, {c_type}>; Y y;\n"
     if spec.format.k_step == 0:
         return result + cuda_scalar.forward(spec)
     layers, _ = network_layout(spec, True)
     blocks = max(layer.k_blocks(spec.format) for layer in layers)
-    parts = 2 if packs_halves(spec) else 4
-    body = f"""{enter(spec)}
+    tiles, parts = layers[-1].n_pad // 8, 2 if packs_halves(spec) else 4
+    body = f"""{mixed_networks(spec, blocks, tiles, parts)}
+{enter(spec)}
 const unsigned long long first = __shfl_sync(0xffffffffu, key, 0);
-unsigned a[2][{blocks}][4], o[2][{layers[-1].n_pad // 8}][{parts}];
+unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
 {read_input(spec, layers[0])}
 if (__all_sync(0xffffffffu, key == first)) {{
 const unsigned* base = reinterpret_cast<const unsigned*>(first);
 const unsigned* row[4] = {{base, base, base, base}};
 {layers_text(spec, masked=False)}
 }} else {{
-{ROWS}
-{layers_text(spec, masked=True)}
+Fragments f;
+for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r) f.a[m][b][r] = a[m][b][r];
+Mixed::run(key, f);
+for (int m = 0; m < 2; ++m) for (int j = 0; j < {tiles}; ++j) for (int r = 0; r < {parts}; ++r) o[m][j][r] = f.o[m][j][r];
 }}
 {write_output(spec, layers[-1])}
 return y;
 """
     return result + when_whole_warp(spec, body) + cuda_scalar.forward(spec)
+
+
+def mixed_networks(spec: NetworkSpec, blocks: int, tiles: int, parts: int) -> str:
+    """The layers for warps whose threads evaluate different networks; never inlined, to keep their registers apart."""
+    return f"""struct Fragments {{ unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}]; }};
+struct Mixed {{
+static __device__ __noinline__ void run(unsigned long long key, Fragments& f) {{
+{prelude(spec)}
+{ROWS}
+unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
+for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r) a[m][b][r] = f.a[m][b][r];
+{layers_text(spec, masked=True)}
+for (int m = 0; m < 2; ++m) for (int j = 0; j < {tiles}; ++j) for (int r = 0; r < {parts}; ++r) f.o[m][j][r] = o[m][j][r];
+}} }};
+"""
 
 
 def adjoint(spec: NetworkSpec) -> str:
@@ -89,7 +111,7 @@ def layers_text(spec: NetworkSpec, masked: bool) -> str:
 def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: bool) -> str:
     """One layer: accumulators from the bias, products, activation; `a` becomes the next layer's operand, or `o` is set."""
     tiles = layer.n_pad // 8
-    group = group_of(tiles)
+    group = group_of(tiles, 2 if masked else MAX_GROUP)
     kind, registers = accumulator(spec)
     multiply = masked_products if masked else products
     finish = to_output(spec) if is_last else to_next(spec, layer)
@@ -97,7 +119,7 @@ def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: boo
     declare = "" if is_last else f"unsigned next[2][{blocks}][4];"
     copy = "" if is_last else "a[m][b][r] = next[m][b][r];"
     # wide layers: a loop, with `next` in local memory, rather than minutes of compilation
-    loop = "\n#pragma unroll 1\nfor (auto j0 = 0;" if tiles > 16 else "for (int j0 = 0;"
+    loop = "\n#pragma unroll 1\nfor (auto j0 = 0;" if masked or tiles > 16 else "for (int j0 = 0;"
     return f"""{{ {declare}
 {loop} j0 < {tiles}; j0 += {group}) {{
 {kind} d[2][{group}][{registers}];
@@ -142,9 +164,13 @@ def to_next(spec: NetworkSpec, layer: LayerLayout) -> str:
         if spec.accumulation == "float16" and spec.activation in in_place:
             word = in_place[spec.activation].format(d="d[m][j][h]")
         return f"next[m][(j0 + j) / 2][(j0 + j) % 2 * 2 + h] = {word};"
-    scale = f" * __uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 2}))" if format is INT8 else ""
-    values = ", ".join(f"hidden(z_value(m, j + {o}, h, {e})){scale}" for o in (0, 1) for e in (0, 1))
-    return f"if (j % 2 == 0) next[m][(j0 + j) / 4][(j0 + j) / 2 % 2 * 2 + h] = pack({values});"
+    if spec.accumulation == "float16" and spec.activation is relu:
+        word = "pack_relu(d[m][j][h], d[m][j + 1][h])"
+    else:
+        scale = f" * __uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 2}))" if format is INT8 else ""
+        values = [f"hidden(z_value(m, j + {o}, h, {e})){scale}" for o in (0, 1) for e in (0, 1)]
+        word = f"pack({', '.join(values)})"
+    return f"if (j % 2 == 0) next[m][(j0 + j) / 4][(j0 + j) / 2 % 2 * 2 + h] = {word};"
 
 
 def to_output(spec: NetworkSpec) -> str:

@@ -117,7 +117,7 @@ def keep_pre_activations(spec: NetworkSpec, layer: LayerLayout) -> str:
     """One layer forward: `z[l][m][b][r]`; an odd last tile is followed by zeros."""
     tiles = layer.n_pad // 8
     kind, registers = fragments.accumulator(spec)
-    group = fragments.group_of(tiles)
+    group = fragments.group_of(tiles, fragments.MAX_GROUP)
     word = "d[m][j][h]" if spec.accumulation == "float16" else "pack(z_value(m, j, h, 0), z_value(m, j, h, 1))"
     return f"""{for_each_word(round_up(tiles, 2) // 2, "z[l][m][b][r] = 0u;") if tiles % 2 else ""}
 for (int j0 = 0; j0 < {tiles}; j0 += {group}) {{

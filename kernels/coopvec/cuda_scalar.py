@@ -20,7 +20,7 @@ auto add = [](real* p, real v) { asm volatile("red.global.add.f32 [%0],%1;" :: "
 
 def conversions(spec: NetworkSpec) -> str:
     """Lambdas: decode and encode of the format, `round_value` to it, `round_half`."""
-    return f"""using real = wp::float32;
+    return f"""using real = wp::float32; using integer = wp::int32;
 auto decode = [](unsigned b) -> real {{ {DECODE[spec.format]} }};
 auto encode = [](real x) -> unsigned {{ {ENCODE[spec.format]} }};
 auto round_value = [&](real x) {{ return decode(encode(x)); }};
@@ -43,9 +43,9 @@ for (int e = 0; e < 4; ++e) {{ const int k = 4 * c + e; const real w = values[e]
     column = (
         "kb * 8 + 2 * t + r" if per_word == 1 else f"(2 * kb + r) * {format.k_step // 2} + 2 * t + e % 2 + e / 2 * 8"
     )
-    loop = "for (int p" if pairs <= 2 else "#pragma unroll 1\nfor (auto p"  # wide rows: a loop
     return f"""const uint4* weights = reinterpret_cast<const uint4*>(net + {layer.weights}) + (n / 8 * {pairs}) * 32 + n % 8 * 4;
-{loop} = 0; p < {pairs}; ++p) {{
+integer p = 0;
+do {{
 uint4 q[4];
 for (int t = 0; t < 4; ++t) q[t] = __ldg(weights + p * 32 + t);
 for (int b = 0; b < 2; ++b) {{ const int kb = 2 * p + b; if (kb < {blocks}) {{
@@ -57,7 +57,8 @@ for (int t = 0; t < 4; ++t) for (int r = 0; r < 2; ++r) {{
         {use}
     }} }}
 {"acc = round_half(acc);" if spec.accumulation == "float16" and use.startswith("acc") else ""}
-}} }} }}
+}} }}
+}} while (++p < {pairs});
 """
 
 
@@ -103,7 +104,9 @@ const unsigned* net = params.packed.data + static_cast<size_t>(params.network) *
             finish = f"fmaf(acc, __uint_as_float(__ldg(net + {layer.scales + 1})), {load_bias(spec, layer)})"
         text += f"""real z{i}[{layer.n}];
 {{ real h[{layer.k_pad}];
+#pragma unroll 4
 for (int k = 0; k < {layer.k_pad}; ++k) h[k] = 0.0f;
+#pragma unroll 4
 for (int k = 0; k < {layer.k}; ++k) h[k] = {layer_input(spec, i)};
 int n = 0;
 do {{
@@ -116,13 +119,25 @@ z{i}[n] = {finish};
 
 
 def forward(spec: NetworkSpec) -> str:
-    """Evaluates into the vector `y`, which the caller has declared, and returns it."""
+    """Evaluates into the vector `y`, which the caller has declared, and returns it.
+
+    A function of its own, never inlined: its registers would otherwise lower the occupancy of the tensor-core path.
+    """
     value = f"last(z{len(spec.layers) - 1}[n])"
     if spec.dtype is wp.float16:
         value = f"wp::half({value})"
     elif spec.accumulation == "float16" and spec.format.k_step > 0:
         value = f"round_half({value})"
-    return f"{{ {run_layers(spec)}\nfor (int n = 0; n < {spec.sizes[-1]}; ++n) y.c[n] = {value};\nreturn y; }}\n"
+    return f"""struct Scalar {{
+static __device__ __noinline__ void run(const Params& params, const X& x, Y& y) {{
+{run_layers(spec)}
+#pragma unroll 4
+for (int n = 0; n < {spec.sizes[-1]}; ++n) y.c[n] = {value};
+}} }};
+Params own_params = params; X own_x = x; Y result;  // copies: what a call takes by reference leaves the registers
+Scalar::run(own_params, own_x, result);
+return result;
+"""
 
 
 def adjoint(spec: NetworkSpec) -> str:
@@ -135,6 +150,7 @@ auto d_last = [](real z) -> real {{ return {spec.output_activation.derivative}; 
 {ADD}
 real* gradient = params.master.grad ? params.master.grad + static_cast<size_t>(params.network) * {spec.n_parameters} : nullptr;
 real dz{final}[{spec.sizes[-1]}];
+#pragma unroll 4
 for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(adj_ret.c[n]) * d_last(z{final}[n]);
 """
     for i in range(final, -1, -1):
@@ -145,7 +161,9 @@ for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(adj_
         text += f"""real dh{i}[{layer.k_pad}];
 {{ real h[{layer.k_pad}];
 const real input_step = {input_step}, weight_step = {product_step} / input_step;
+#pragma unroll 4
 for (int k = 0; k < {layer.k_pad}; ++k) dh{i}[k] = h[k] = 0.0f;
+#pragma unroll 4
 for (int k = 0; k < {layer.k}; ++k) h[k] = {layer_input(spec, i)} * input_step;
 int n = 0;
 do {{
@@ -159,6 +177,7 @@ if (gradient) {{
 """
         if i > 0:
             text += f"""real dz{i - 1}[{layer.k}];
+#pragma unroll 4
 for (int k = 0; k < {layer.k}; ++k) dz{i - 1}[k] = dh{i}[k] * d_hidden(z{i - 1}[k]);
 """
     return text + f"for (int k = 0; k < {spec.sizes[0]}; ++k) adj_x.c[k] += {C_TYPES[spec.dtype]}(dh0[k]); }}\n"

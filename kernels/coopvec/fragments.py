@@ -62,8 +62,10 @@ asm("mma.sync.aligned.{shape}.row.col.{result}.{element}.{element}.{result} "
 """
 
 
-STAGE = """
+LANES = """using real = wp::float32; using integer = wp::int32;
 const unsigned lane = threadIdx.x & 31u, g = lane >> 2, t = lane & 3u;
+"""
+STAGE = """
 constexpr int CHUNK = WP_TILE_BLOCK_DIM <= 64 ? 8 : WP_TILE_BLOCK_DIM <= 128 ? 4 : 2;
 constexpr int UNITS = ROW_UNITS < CHUNK ? ROW_UNITS : CHUNK;  // 16-byte units of a row staged at a time
 __shared__ uint4 stage[WP_TILE_BLOCK_DIM * UNITS];
@@ -102,6 +104,8 @@ auto half_high = [](unsigned v) { real r;
     asm("{.reg .f16 l,h; mov.b32 {l,h},%1; cvt.f32.f16 %0,h;}" : "=f"(r) : "r"(v)); return r; };
 auto half_max = [](unsigned a, unsigned b) { unsigned r;
     asm("max.f16x2 %0,%1,%2;" : "=r"(r) : "r"(a), "r"(b)); return r; };
+auto half_min = [](unsigned a, unsigned b) { unsigned r;
+    asm("min.f16x2 %0,%1,%2;" : "=r"(r) : "r"(a), "r"(b)); return r; };
 auto half_leak = [&](unsigned a) { unsigned r;
     asm("mul.f16x2 %0,%1,%2;" : "=r"(r) : "r"(a), "r"(0x211f211fu)); return half_max(a, r); };  // 0.01
 """
@@ -122,12 +126,13 @@ auto pack_relu = [](real low, real high) { unsigned r;
     TF32: """
 auto pack = [](real x) { unsigned r; asm("cvt.rna.tf32.f32 %0,%1;" : "=r"(r) : "f"(x)); return r; };
 """,
+    # adding 1.5 * 2^23 rounds to an integer and leaves it in the low bits
     INT8: """
-auto pack = [](real a, real b, real c, real d) { unsigned r;
-    const int ia = __float2int_rn(fmaxf(a, -127.0f)), ib = __float2int_rn(fmaxf(b, -127.0f));
-    const int ic = __float2int_rn(fmaxf(c, -127.0f)), id = __float2int_rn(fmaxf(d, -127.0f));
-    asm("{.reg .b32 u; cvt.pack.sat.s8.s32.b32 u,%4,%3,0; cvt.pack.sat.s8.s32.b32 %0,%2,%1,u;}"
-        : "=r"(r) : "r"(ia), "r"(ib), "r"(ic), "r"(id)); return r; };
+auto byte_of = [](real x) { return __float_as_uint(x + 12582912.0f); };
+auto bytes_of = [](unsigned a, unsigned b, unsigned c, unsigned d) {
+    return __byte_perm(__byte_perm(a, b, 0x0040), __byte_perm(c, d, 0x0040), 0x5410); };
+auto clamped = [&](real x) { return byte_of(fminf(fmaxf(x, -127.0f), 127.0f)); };
+auto pack = [&](real a, real b, real c, real d) { return bytes_of(clamped(a), clamped(b), clamped(c), clamped(d)); };
 """,
 }
 for fp8, pair in ((E4M3, "e4m3x2"), (E5M2, "e5m2x2")):
@@ -137,16 +142,22 @@ auto pack = [](real a, real b, real c, real d) {{ unsigned short u, v;
     asm("cvt.rn.satfinite.{pair}.f32 %0,%1,%2;" : "=h"(v) : "f"(d), "f"(c));
     return static_cast<unsigned>(u) | static_cast<unsigned>(v) << 16; }};
 """
+# ReLU of float16 accumulators, faster than `cvt`: times 2^-8 a half's exponent field is that of e4m3; ties round up
+PACK[E4M3] += """
+auto relu_byte = [](unsigned v) { unsigned r;
+    asm("fma.rn.relu.f16x2 %0,%1,%2,%3; min.f16x2 %0,%0,%4;"
+        : "=&r"(r) : "r"(v), "r"(0x1c001c00u), "r"(0u), "r"(0x3f003f00u)); return r + r + 0x00800080u; };
+auto pack_relu = [&](unsigned a, unsigned b) { return __byte_perm(relu_byte(a), relu_byte(b), 0x7531); };
+"""
+PACK[E5M2] += """
+auto relu_byte = [&](unsigned v) { return half_min(half_max(v, 0u), 0x7b007b00u) + 0x00800080u; };
+auto pack_relu = [&](unsigned a, unsigned b) { return __byte_perm(relu_byte(a), relu_byte(b), 0x7531); };
+"""
 
 
 def prelude(spec: NetworkSpec) -> str:
     """The lambdas that the rest of the text is made of."""
-    text = (
-        "using real = wp::float32; using integer = wp::int32;\n"
-        + STAGE.replace("ROW_UNITS", str(row_units(spec)))
-        + HALF_TEXT
-        + PACK[spec.format]
-    )
+    text = LANES + HALF_TEXT + PACK[spec.format]
     text += mma("multiply", spec.format, accumulator(spec)[0])
     for name, activation in (("hidden", spec.activation), ("last", spec.output_activation)):
         text += f"auto {name} = [](real z) -> real {{ return {activation.value}; }};\n"
@@ -228,7 +239,7 @@ c[2 * h] = __uint_as_float(h ? v.z : v.x); c[2 * h + 1] = __uint_as_float(h ? v.
 def start_tile(spec: NetworkSpec, layer: LayerLayout) -> str:
     """Set one tile `c`, the value its accumulators start from: the bias of each row's own network."""
     if spec.format is INT8:
-        return "for (int r = 0; r < 4; ++r) c[r] = 0;"
+        return "for (int r = 0; r < 4; ++r) c[r] = 0x4b400000;"  # 1.5 * 2^23: read as a float, 12582912 + the sum
     return f"for (int h = 0; h < 2; ++h) {{ {bias_words(spec, layer, 'j0 + j', 'row[2 * m + h]')} }}"
 
 
@@ -239,7 +250,7 @@ def pre_activation(spec: NetworkSpec, layer: LayerLayout) -> str:
 real c[4];
 {bias_words(spec, layer, "j0 + j", "row[2 * m + h]")}
 const real step = __uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 1}));
-return fmaf(static_cast<real>(d[m][j][2 * h + e]), step, c[2 * h + e]);"""
+return fmaf(__int_as_float(d[m][j][2 * h + e]) - 12582912.0f, step, c[2 * h + e]);"""
     elif spec.accumulation == "float16":
         value = "return e ? half_high(d[m][j][h]) : half_low(d[m][j][h]);"
     else:
@@ -287,14 +298,14 @@ for (int i = 0; i < 4; ++i) keep[i] = 0u - (same >> (8 * i + g) & 1u);
 """
 
 
-def group_of(tiles: int) -> int:
-    return max(group for group in range(1, MAX_GROUP + 1) if tiles % group == 0)
+def group_of(tiles: int, most: int) -> int:
+    return max(group for group in range(1, most + 1) if tiles % group == 0)
 
 
 def enter(spec: NetworkSpec) -> str:
     """The lambdas, and this thread's network: `mine` its parameters, `key` the same as a number."""
     _, words = network_layout(spec, True)
-    return f"""{prelude(spec)}
+    return f"""{prelude(spec)}{STAGE.replace("ROW_UNITS", str(row_units(spec)))}
 const unsigned* mine = params.packed.data + static_cast<size_t>(params.network) * {words};
 const unsigned long long key = reinterpret_cast<unsigned long long>(mine);
 """

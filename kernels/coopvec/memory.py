@@ -42,7 +42,9 @@ for (int w = 0; w < 4; ++w) {{ {take} }}"""
     text = f"wp::vec_t<{n}, {c_type}> v;\n" + ROW.format(array="source", data="source.data")
     text += by_16_bytes(n, dtype, wide, f"v.c[i] = reinterpret_cast<{c_type}*>(bytes)[i];") + "return v;\n"
     gradient = "if (source.grad) {\n" + ROW.format(array="source", data="source.grad")
-    gradient += f"for (int i = 0; i < {n}; ++i) wp::atomic_add(reinterpret_cast<{c_type}*>(bytes) + i, adj_ret.c[i]);\n}}\n"
+    gradient += (
+        f"for (int i = 0; i < {n}; ++i) wp::atomic_add(reinterpret_cast<{c_type}*>(bytes) + i, adj_ret.c[i]);\n}}\n"
+    )
 
     @wp.func_native(text, adj_snippet=gradient)
     def load(source: wp.array2d(dtype=dtype), row: int) -> vec: ...
