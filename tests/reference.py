@@ -119,7 +119,7 @@ def slope(f, z, step=1e-6):
 
 def mlp(weights, biases, activations, x, dy=None):
     """Network results `[n, n_out]` of `x` `[n, n_in]`; with `dy`, also gradients of weights, of biases, and of `x`."""
-    h, kept = x, []
+    h, kept = np.asarray(x, np.float64), []
     for w, b, f in zip(weights, biases, activations, strict=True):
         z = h @ w.T + b
         kept.append((h, z))

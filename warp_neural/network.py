@@ -121,6 +121,7 @@ class MLP:
             dim=(self.count, self.words),
             inputs=[self.table, self.steps, self.master, self.n_parameters, self.packed, self.words],
             device=self.device,
+            record_tape=False,
         )
 
     def to(self, device: wp.DeviceLike) -> "MLP":
@@ -152,6 +153,7 @@ class MLP:
                 dim=y.shape,
                 inputs=[self.master, self.n_parameters, self.table, layer, h, ranges, y],
                 device=self.device,
+                record_tape=False,
             )
             h = y
         weights = np.stack([np.abs(w).reshape(self.count, -1).max(1) for w in self.weights], 1)
