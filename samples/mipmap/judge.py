@@ -1,0 +1,141 @@
+"""How wrong maps are on light and view pairs that training never draws from."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from samples.mipmap.maps import Maps, pack, unpack_normal
+from warp_neural.shading import brdf, display, random_stream, uniform_hemisphere
+
+BATCHES = 16
+
+
+@wp.func
+def shade(first: wp.vec4, second: wp.vec4, light: wp.vec3, view: wp.vec3) -> wp.vec3:
+    """The shader on a packed texel."""
+    albedo = wp.vec3(first[0], first[1], first[2])
+    return brdf(albedo, unpack_normal(second), first[3], second[2], second[3], light, view)
+
+
+@wp.func
+def shade_mean(source: wp.array2d[wp.vec4], t: int, light: wp.vec3, view: wp.vec3) -> wp.vec3:
+    """The truth: what a viewer sees who cannot tell the source's texels under texel `t` apart."""
+    count = source.shape[0] // 2
+    color = wp.vec3(0.0)
+    for k in range(count):
+        color += shade(source[2 * k, t], source[2 * k + 1, t], light, view)
+    return color / float(count)
+
+
+@wp.kernel(enable_backward=False)
+def judge_kernel(
+    source: wp.array2d[wp.vec4],  # [2 * texels of the source under a texel, n]
+    candidates: wp.array2d[wp.vec4],  # [2 * candidates, n]
+    seed: int,
+    first_batch: int,
+    pairs: int,
+    linear: wp.array3d[float],  # [candidates, batches, n], sums over pairs of the mean square over RGB
+    displayed: wp.array3d[float],
+):
+    """Squared errors of radiance and of displayed values over uniform pairs, new ones for each texel and batch."""
+    b, t = wp.tid()
+    random = random_stream(seed, first_batch + b, t)
+    for _ in range(pairs):
+        light = uniform_hemisphere(wp.randf(random), wp.randf(random))
+        view = uniform_hemisphere(wp.randf(random), wp.randf(random))
+        truth = shade_mean(source, t, light, view)
+        shown_truth = display(truth)
+        for c in range(linear.shape[0]):
+            color = shade(candidates[2 * c, t], candidates[2 * c + 1, t], light, view)
+            error = color - truth
+            shown = display(color) - shown_truth
+            linear[c, b, t] = linear[c, b, t] + wp.dot(error, error) / 3.0
+            displayed[c, b, t] = displayed[c, b, t] + wp.dot(shown, shown) / 3.0
+
+
+@wp.kernel(enable_backward=False)
+def picture_kernel(
+    source: wp.array2d[wp.vec4],
+    candidates: wp.array2d[wp.vec4],
+    lights: wp.array[wp.vec3],  # [pictures]
+    views: wp.array[wp.vec3],
+    pictures: wp.array3d[wp.vec3],  # [1 + candidates, pictures, n], displayed values
+):
+    """The truth and every candidate as pictures under one light and view each."""
+    p, t = wp.tid()
+    pictures[0, p, t] = display(shade_mean(source, t, lights[p], views[p]))
+    for c in range(pictures.shape[0] - 1):
+        pictures[c + 1, p, t] = display(shade(candidates[2 * c, t], candidates[2 * c + 1, t], lights[p], views[p]))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Mean squared errors of each candidate, `[candidates]`, with the standard error of each mean."""
+
+    linear: np.ndarray
+    linear_spread: np.ndarray
+    displayed: np.ndarray
+    displayed_spread: np.ndarray
+
+
+def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) -> Errors:
+    """Errors over `pairs` uniform pairs a texel, in 16 batches; spread is the standard error over the batches.
+
+    On the CPU the batches are shared between two threads, since Warp's CPU launches run on the calling one.
+    """
+    device, texels = source.device, source.shape[1]
+    planes = _planes(candidates, device)
+    workers = 1 if device.is_cuda else min(2, os.cpu_count() or 1)
+    batches = BATCHES // workers
+
+    def some(worker: int) -> np.ndarray:
+        sums = wp.zeros((2, len(candidates), batches, texels), dtype=float, device=device)
+        inputs = [source, planes, seed, worker * batches, max(pairs // BATCHES, 1), sums[0], sums[1]]
+        wp.launch(judge_kernel, dim=(batches, texels), inputs=inputs, device=device)
+        return sums.numpy().mean(axis=-1, dtype=np.float64) / max(pairs // BATCHES, 1)  # [2, candidates, batches]
+
+    wp.load_module(judge_kernel.module, device=device)  # before the threads, or each compiles it
+    with ThreadPoolExecutor(workers) as pool:
+        errors = np.concatenate(list(pool.map(some, range(workers))), axis=-1)
+    spread = errors.std(axis=-1, ddof=1) / np.sqrt(errors.shape[-1])
+    mean = errors.mean(axis=-1)
+    return Errors(linear=mean[0], linear_spread=spread[0], displayed=mean[1], displayed_spread=spread[1])
+
+
+def render(source: wp.array, candidates: list[Maps], lights: np.ndarray, views: np.ndarray) -> np.ndarray:
+    """Displayed pictures `[1 + candidates, pictures, height, width, 3]`, the truth first; lights `[pictures, 3]`."""
+    device, texels = source.device, source.shape[1]
+    pictures = wp.empty((1 + len(candidates), len(lights), texels), dtype=wp.vec3, device=device)
+    directions = [wp.array(d, dtype=wp.vec3, device=device) for d in (lights, views)]
+    inputs = [source, _planes(candidates, device), *directions, pictures]
+    wp.launch(picture_kernel, dim=pictures.shape[1:], inputs=inputs, device=device)
+    return pictures.numpy().reshape(*pictures.shape[:2], *candidates[0].shape, 3)
+
+
+def random_directions(count: int, seed: int) -> np.ndarray:
+    """Uniform on the hemisphere, `[count, 3]`."""
+    draws = np.random.default_rng(seed).random((count, 2))
+    phi, z = 2 * np.pi * draws[:, 0], draws[:, 1]
+    sine = np.sqrt(1 - z * z)
+    return np.stack([sine * np.cos(phi), sine * np.sin(phi), z], axis=-1).astype(np.float32)
+
+
+def psnr(truth: np.ndarray, picture: np.ndarray) -> float:
+    """Peak signal-to-noise ratio in dB over all pictures together, `[pictures, height, width, 3]` in [0, 1]."""
+    return float(-10 * np.log10(max(np.square(truth - picture, dtype=np.float64).mean(), 1e-12)))
+
+
+def flip(truth: np.ndarray, picture: np.ndarray) -> float:
+    """FLIP (Andersson et al. 2020), the mean over pictures; its default viewing distance of 67 pixels a degree."""
+    import flip_evaluator
+
+    errors = [flip_evaluator.evaluate(t, p, "LDR", applyMagma=False)[1] for t, p in zip(truth, picture, strict=True)]
+    return float(np.mean(errors))
+
+
+def _planes(candidates: list[Maps], device: wp.Device) -> wp.array:
+    planes = [pack(maps, 1, device).numpy() for maps in candidates]
+    return wp.array(np.concatenate(planes), dtype=wp.vec4, device=device)

@@ -1,0 +1,46 @@
+"""`--sweep`: the search behind the default learning rates, for both kinds of gradients and both optimizers."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+
+from samples.mipmap.judge import judge
+from samples.mipmap.learn import Learner, Recipe, run
+from samples.mipmap.maps import Maps, MaterialConfig
+from warp_neural import cli
+from warp_neural.files import atomic_path
+from warp_neural.optim import SGD, Adam
+
+RATES = {SGD: [1e-7, 3e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3], Adam: [1e-3, 3e-3, 1e-2, 2e-2, 3e-2]}
+
+
+def sweep(
+    config: MaterialConfig, source: wp.array, starts: dict[str, Maps], recipes: dict[str, Recipe], steps: int
+) -> dict[str, float]:
+    """Errors after every rate, `sweep.json`, and the rate with the least linear error for each combination.
+
+    "course" are the course's gradients from the box-filtered maps, "ours" the recipe's from Toksvig's.
+    """
+    gradients = {"course": (recipes["sgd"], starts["sgd"]), "ours": (recipes["adam"], starts["adam"])}
+    jobs = [(kind, optimizer, rate) for kind in gradients for optimizer in RATES for rate in RATES[optimizer]]
+    rows = []
+    for kind, optimizer, rate in cli.progress(jobs, config, desc="sweep"):
+        recipe, start = gradients[kind]
+        recipe = replace(recipe, optimizer=optimizer, rate=rate)
+        learner = Learner(source, start, recipe, steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
+        run(learner, range(steps), lambda step: None)
+        errors = judge(source, [learner.maps()], pairs=config.judge_pairs // 8, seed=4 * config.seed + 2)
+        row = {"gradients": kind, "optimizer": optimizer.__name__, "rate": rate}
+        rows.append(row | {"linear": float(errors.linear[0]), "display": float(errors.displayed[0])})
+    with atomic_path(config.out / "sweep.json") as path:
+        path.write_text(json.dumps(rows, indent=2) + "\n")
+    best = {}
+    for kind in gradients:
+        for optimizer in RATES:
+            of_this = [row for row in rows if (row["gradients"], row["optimizer"]) == (kind, optimizer.__name__)]
+            winner = of_this[int(np.argmin([row["linear"] for row in of_this]))]
+            for key in ("rate", "linear", "display"):
+                best[f"{key}_{kind}_{optimizer.__name__.lower()}"] = winner[key]
+    return best
