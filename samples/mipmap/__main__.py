@@ -72,8 +72,8 @@ def main(config: Config) -> dict:
     device = cli.resolve_device(config.device)
     name, maps = source_maps(config, device)
     source = pack(maps, config.factor, device)
-    with atomic_path(config.out / "metrics.json") as path:  # fails now rather than after the work
-        path.write_text("{}")
+    with atomic_path(config.out / "config.json") as path:  # a folder that cannot be written fails now
+        path.write_text(json.dumps(asdict(config), indent=2, default=str) + "\n")
 
     answers = {"box": box_filter(maps, config.factor), "toksvig": toksvig(maps, config.factor)}
     classical = judge(source, list(answers.values()), pairs=256, seed=4 * config.seed)
@@ -127,7 +127,7 @@ def main(config: Config) -> dict:
         "source_resolution": list(maps.shape),
     }
     with atomic_path(config.out / "metrics.json") as path:
-        path.write_text(json.dumps(metrics | {"config": asdict(config)}, indent=2, default=str) + "\n")
+        path.write_text(json.dumps(metrics, indent=2) + "\n")
     return metrics
 
 

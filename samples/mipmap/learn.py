@@ -196,6 +196,7 @@ def run(learner: Learner, steps: Iterable[int], watch: Callable[[int], None]) ->
     """Take the steps, calling `watch(step)` before each; seconds taken by the steps alone."""
     graph = None
     if learner.device.is_cuda:
+        wp.load_module("kernels.optimizers", device=learner.device)  # not while a graph is captured
         with wp.ScopedCapture(device=learner.device) as capture:
             learner.step()
         graph = capture.graph
