@@ -33,6 +33,11 @@ def accumulator(spec: NetworkSpec) -> tuple[str, int]:
     return ("unsigned", 2) if spec.accumulation == "float16" else ("real", 4)
 
 
+def stage(spec: NetworkSpec) -> str:
+    """The shared memory that vectors pass through; needs the lanes of `prelude`."""
+    return STAGE.replace("ROW_UNITS", str(row_units(spec)))
+
+
 def row_units(spec: NetworkSpec) -> int:
     """16-byte units of the longer of input and output row, rounded up to a power of two."""
     layers, _ = network_layout(spec, True)
@@ -202,7 +207,7 @@ __syncwarp();
 """
 
 
-def read_input(spec: NetworkSpec, layer: LayerLayout) -> str:
+def read_input(spec: NetworkSpec, layer: LayerLayout, scaled: bool = True) -> str:
     """The thread's own vector, converted, as the first layer's A operand `a`."""
     format, n_in = spec.format, spec.sizes[0]
     units = []
@@ -214,14 +219,14 @@ def read_input(spec: NetworkSpec, layer: LayerLayout) -> str:
             else:
                 first = unit * (16 if format.bits == 8 else 8) + 2 * lane
                 ks = [first + offset for offset in (0, 1, 8, 9)[: format.per_word]]
-            scale = " * input_scale" if format is INT8 else ""
+            scale = " * input_scale" if format is INT8 and scaled else ""
             values = [f"static_cast<real>(x.c[{k}]){scale}" if k < n_in else "0.0f" for k in ks]
             words.append(f"pack({', '.join(values)})" if ks[0] < n_in else "0u")
             if format is FLOAT16 and spec.dtype is wp.float16 and ks[-1] < n_in:
                 words[-1] = f"x.c[{ks[0]}].u | static_cast<unsigned>(x.c[{ks[1]}].u) << 16"
         units.append(words)
-    scale = f"const real input_scale = __uint_as_float(__ldg(mine + {layer.scales}));\n" if format is INT8 else ""
-    return scale + read_rows(units, "a")
+    scale = f"const real input_scale = __uint_as_float(__ldg(mine + {layer.scales}));\n"
+    return (scale if format is INT8 and scaled else "") + read_rows(units, "a")
 
 
 def bias_words(spec: NetworkSpec, layer: LayerLayout, j: str, pointer: str) -> str:
@@ -305,7 +310,7 @@ def group_of(tiles: int, most: int) -> int:
 def enter(spec: NetworkSpec) -> str:
     """The lambdas, and this thread's network: `mine` its parameters, `key` the same as a number."""
     _, words = network_layout(spec, True)
-    return f"""{prelude(spec)}{STAGE.replace("ROW_UNITS", str(row_units(spec)))}
+    return f"""{prelude(spec)}{stage(spec)}
 const unsigned* mine = params.packed.data + static_cast<size_t>(params.network) * {words};
 const unsigned long long key = reinterpret_cast<unsigned long long>(mine);
 """

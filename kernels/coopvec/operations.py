@@ -1,0 +1,107 @@
+"""The four operations of GL_NV_cooperative_vector as functions of the calling thread, one matrix product at a time.
+
+A matrix lies in a `Buffer` of 32-bit words at a byte offset, in one of the four layouts, as do biases. Gradients lie in
+the buffer's float32 `gradient`, one float for each element, in the same layout and order: element i of the data has
+gradient[i]. `network.make_network` fuses whole networks and is faster; these serve where layers need something between.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec import operations_text as text
+from kernels.coopvec.spec import FLOAT16, INT8, Format
+
+
+@wp.struct
+class Buffer:
+    """Matrices or vectors of one format, and their gradients (an empty array: none is wanted)."""
+
+    data: wp.array[wp.uint32]
+    gradient: wp.array[float]
+
+
+@dataclass(frozen=True)
+class MatrixSpec:
+    """One product: `rows` x `columns` is the matrix as it multiplies, after `transpose`.
+
+    interpretation: the format of the matrix and of the vector inside the product. layout: "row_major", "column_major",
+    "inferencing_optimal" or "training_optimal" (of the stored matrix; the last for gradients). dtype: element type of the
+    vectors. accumulation: "float32" or "float16". bias: "float32" or "float16".
+    """
+
+    rows: int
+    columns: int
+    interpretation: Format = FLOAT16
+    layout: str = "inferencing_optimal"
+    transpose: bool = False
+    dtype: type = wp.float32
+    accumulation: str = "float32"
+    bias: str = "float32"
+
+    @property
+    def vec_in(self) -> type:
+        return wp.types.vector(self.columns, self.dtype)
+
+    @property
+    def vec_out(self) -> type:
+        return wp.types.vector(self.rows, self.dtype)
+
+
+@cache
+def make_matmul_add(spec: MatrixSpec) -> wp.Function:
+    """`(v, matrix, matrix_offset, matrix_stride, bias, bias_offset) -> W v + b` (coopVecMatMulAddNV).
+
+    v: `spec.vec_in`; matrix, bias: `Buffer`; offsets and the stride between rows (columns) in bytes, stride 0: tight.
+    Differentiable in v, and in matrix and bias where they have a gradient array. INT8: v is rounded to integers, the
+    products are summed exactly.
+    """
+    vec_in, vec_out = spec.vec_in, spec.vec_out
+
+    @wp.func_native(text.product(spec, with_bias=True), adj_snippet=text.product_adjoint(spec, with_bias=True))
+    def matmul_add(
+        v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, bias: Buffer, bias_offset: int
+    ) -> vec_out: ...
+
+    return matmul_add
+
+
+@cache
+def make_matmul(spec: MatrixSpec) -> wp.Function:
+    """`(v, matrix, matrix_offset, matrix_stride) -> W v` (coopVecMatMulNV); see `make_matmul_add`."""
+    vec_in, vec_out = spec.vec_in, spec.vec_out
+
+    @wp.func_native(text.product(spec, with_bias=False), adj_snippet=text.product_adjoint(spec, with_bias=False))
+    def matmul(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int) -> vec_out: ...
+
+    return matmul
+
+
+@cache
+def make_outer_product_accumulate(spec: MatrixSpec) -> wp.Function:
+    """`(a, b, gradient, offset, stride)`: gradient += a bᵀ, atomically (coopVecOuterProductAccumulateNV).
+
+    a: `spec.vec_out`; b: `spec.vec_in`; gradient: float32 array holding a rows x columns matrix in `spec.layout` from
+    element `offset` on, rows (columns) `stride` elements apart (0: tight). float16 and bfloat16 interpretations multiply
+    on tensor cores where a whole warp arrives, summing its 32 threads before one addition to memory.
+    """
+    if spec.interpretation is INT8:
+        raise ValueError("outer_product_accumulate needs a floating-point interpretation, not int8")
+    vec_a, vec_b = spec.vec_out, spec.vec_in
+
+    @wp.func_native(text.outer_product(spec))
+    def outer_product_accumulate(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int): ...
+
+    return outer_product_accumulate
+
+
+@cache
+def make_reduce_sum_accumulate(n: int, dtype: type) -> wp.Function:
+    """`(v, gradient, offset)`: gradient[offset + i] += v[i], atomically (coopVecReduceSumAccumulateNV)."""
+    vec = wp.types.vector(n, dtype)
+
+    @wp.func_native(text.reduce_sum(n))
+    def reduce_sum_accumulate(v: vec, gradient: wp.array[float], offset: int): ...
+
+    return reduce_sum_accumulate
