@@ -5,6 +5,7 @@ in order, one fused multiply-add each, so that CUDA's per-thread arithmetic give
 """
 
 from kernels.coopvec.layout import LayerLayout, network_layout
+from kernels.activations import relu
 from kernels.coopvec.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32, NetworkSpec, round_up
 
 LANES = 16  # of one vector; the compiler splits it where registers are shorter
@@ -158,6 +159,10 @@ def result(spec: NetworkSpec, index: int, a: str) -> str:
     """The activations `a` as the next layer takes them, or as the caller does."""
     layers, _ = network_layout(spec, False)
     if index < len(layers) - 1:
+        if spec.format is INT8 and spec.activation is relu:
+            # as the tensor-core path does: clamp to [0, 1], then round 127 times that by adding 1.5 * 2^23
+            share = f"__builtin_elementwise_min(v16(1.0f), {a} * mine[{layers[index].scales + 2}])"
+            return f"fma({share}, v16(127.0f), v16(12582912.0f)) - 12582912.0f"
         return f"rounded({a}{input_scale(spec, layers[index + 1])})"
     return f"half({a})" if spec.accumulation == "float16" else a
 

@@ -167,9 +167,13 @@ def to_next(spec: NetworkSpec, layer: LayerLayout) -> str:
     if spec.accumulation == "float16" and spec.activation is relu:
         word = "pack_relu(d[m][j][h], d[m][j + 1][h])"
     else:
-        scale = f" * __uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 2}))" if format is INT8 else ""
-        values = [f"hidden(z_value(m, j + {o}, h, {e})){scale}" for o in (0, 1) for e in (0, 1)]
-        word = f"pack({', '.join(values)})"
+        largest = f"__uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 2}))"  # 127 steps of the next layer
+        function, z, scale = "pack", "hidden(z_value(m, j + {o}, h, {e}))", ""
+        if format is INT8 and spec.activation is relu:
+            function, z, scale = "pack_share", "z_value(m, j + {o}, h, {e})", f" * {largest}"
+        elif format is INT8:
+            scale = f" * ({largest} * 127.0f)"
+        word = f"{function}({', '.join(z.format(o=o, e=e) + scale for o in (0, 1) for e in (0, 1))})"
     return f"if (j % 2 == 0) next[m][(j0 + j) / 4][(j0 + j) / 2 % 2 * 2 + h] = {word};"
 
 

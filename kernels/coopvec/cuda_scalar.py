@@ -5,6 +5,7 @@ The same packed parameters and the same rounding as on the tensor cores, one sam
 
 import warp as wp
 
+from kernels.activations import relu
 from kernels.coopvec.formats import DECODE, ENCODE
 from kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
 from kernels.coopvec.spec import FLOAT32, INT8, NetworkSpec
@@ -67,9 +68,9 @@ def load_bias(spec: NetworkSpec, layer: LayerLayout) -> str:
     if spec.format.k_step == 0:
         return f"__uint_as_float(__ldg(net + {layer.bias} + n))"
     if bias_is_half(spec, cuda=True):
-        index = "(n / 16 * 16 + n % 8 / 2 * 4 + n / 8 % 2 * 2) * 2 + n % 2"
+        index = "(n / 32 * 16 + n % 8 / 2 * 4 + n / 8 % 4) * 2 + n % 2"
         return f"wp::half_to_float(reinterpret_cast<const wp::half*>(net + {layer.bias})[{index}])"
-    return f"__uint_as_float(__ldg(net + {layer.bias} + n / 8 * 16 + n % 8 / 2 * 4 + n % 2))"
+    return f"__uint_as_float(__ldg(net + {layer.bias} + n / 16 * 16 + n % 8 / 2 * 4 + n / 8 % 2 * 2 + n % 2))"
 
 
 def round_input(spec: NetworkSpec, layer: LayerLayout, value: str) -> str:
@@ -83,6 +84,9 @@ def layer_input(spec: NetworkSpec, i: int, index: str = "k") -> str:
     """Expression of input `index` of layer i, recomputed from the pre-activations of the layer before."""
     layer = network_layout(spec, True)[0][i]
     raw = f"static_cast<real>(x.c[{index}])" if i == 0 else f"hidden(z{i - 1}[{index}])"
+    if i > 0 and spec.format is INT8 and spec.activation is relu:  # the arithmetic of the tensor-core path
+        largest = network_layout(spec, True)[0][i - 1].scales + 2
+        return f"fmaf(fminf({raw} * __uint_as_float(__ldg(net + {largest})), 1.0f), 127.0f, 12582912.0f) - 12582912.0f"
     return round_input(spec, layer, raw)
 
 

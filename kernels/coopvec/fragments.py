@@ -138,6 +138,8 @@ auto bytes_of = [](unsigned a, unsigned b, unsigned c, unsigned d) {
     return __byte_perm(__byte_perm(a, b, 0x0040), __byte_perm(c, d, 0x0040), 0x5410); };
 auto clamped = [&](real x) { return byte_of(fminf(fmaxf(x, -127.0f), 127.0f)); };
 auto pack = [&](real a, real b, real c, real d) { return bytes_of(clamped(a), clamped(b), clamped(c), clamped(d)); };
+auto share = [&](real x) { return __float_as_uint(fmaf(__saturatef(x), 127.0f, 12582912.0f)); };
+auto pack_share = [&](real a, real b, real c, real d) { return bytes_of(share(a), share(b), share(c), share(d)); };
 """,
 }
 for fp8, pair in ((E4M3, "e4m3x2"), (E5M2, "e5m2x2")):
@@ -231,14 +233,12 @@ def read_input(spec: NetworkSpec, layer: LayerLayout, scaled: bool = True) -> st
 
 def bias_words(spec: NetworkSpec, layer: LayerLayout, j: str, pointer: str) -> str:
     """Statements that set `c`, one tile's accumulators of row half h, from the bias: `c[h]` or `c[2 h], c[2 h + 1]`."""
-    load = f"const uint4 v = __ldg(reinterpret_cast<const uint4*>({pointer} + at + {layer.bias}) + (TILE) * 4 + t);"
-    if bias_is_half(spec, cuda=True):
-        return load.replace("TILE", f"({j}) / 2") + f" c[h] = ({j}) % 2 ? (h ? v.w : v.z) : (h ? v.y : v.x);"
-    return (
-        load.replace("TILE", j)
-        + """
-c[2 * h] = __uint_as_float(h ? v.z : v.x); c[2 * h + 1] = __uint_as_float(h ? v.w : v.y);"""
-    )
+    half = bias_is_half(spec, cuda=True)
+    text = f"const integer tile = {j};\nconst uint4 v = __ldg(reinterpret_cast<const uint4*>({pointer} + at + {layer.bias})"
+    if half:
+        return f"{text} + tile / 4 * 4 + t);\nc[h] = tile % 4 == 0 ? v.x : tile % 4 == 1 ? v.y : tile % 4 == 2 ? v.z : v.w;"
+    return f"""{text} + tile / 2 * 4 + t);
+c[2 * h] = __uint_as_float(tile % 2 ? v.z : v.x); c[2 * h + 1] = __uint_as_float(tile % 2 ? v.w : v.y);"""
 
 
 def start_tile(spec: NetworkSpec, layer: LayerLayout) -> str:

@@ -20,7 +20,7 @@ class LayerLayout:
     """One layer in the packed buffer; offsets in 32-bit words from the network's start (`master` in floats).
 
     k, n: inputs and outputs; k_pad, n_pad: as stored. scales (INT8): 1 / input step, input step * weight step, and
-    1 / the next layer's input step.
+    1 / the next layer's largest input (127 steps).
     """
 
     k: int
@@ -63,7 +63,7 @@ def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ..
         if not cuda or format.k_step == 0:
             bias_words = n_pad
         else:
-            bias_words = round_up(n_pad, 16) if bias_is_half(spec, cuda) else 2 * n_pad
+            bias_words = round_up(n_pad, 32) // 2 if bias_is_half(spec, cuda) else round_up(n_pad, 16)
         scales = bias + bias_words
         layers.append(LayerLayout(k, n, k_pad, n_pad, word, bias, scales, master))
         word = scales + (4 if cuda else 16)
@@ -105,15 +105,14 @@ def make_fragment_coordinates(format: Format):
 
 @wp.func
 def bias_column(word: int) -> int:
-    """Neuron of a float32 bias. 16 bytes a lane hold columns 2 t, 2 t + 1 of one tile, for rows g and again for g + 8:
-    the accumulators that the products start from."""
-    return word / 16 * 8 + word / 4 % 4 * 2 + word % 2
+    """Neuron of a float32 bias: 16 bytes of lane t hold columns 2 t, 2 t + 1 of two tiles."""
+    return (word / 16 * 2 + word % 4 / 2) * 8 + word / 4 % 4 * 2 + word % 2
 
 
 @wp.func
 def half_bias_column(word: int) -> int:
-    """First neuron of a pair of float16 biases: 16 bytes a lane hold two tiles, for rows g and again for g + 8."""
-    return (word / 16 * 2 + word % 4 / 2) * 8 + word / 4 % 4 * 2
+    """First neuron of a pair of float16 biases: 16 bytes of lane t hold columns 2 t, 2 t + 1 of four tiles."""
+    return (word / 16 * 4 + word % 4) * 8 + word / 4 % 4 * 2
 
 
 @cache
@@ -193,7 +192,7 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
             elif word == layers[layer, 6] + 1:
                 result = wp.cast(steps[network, layer, 0] * step, wp.uint32)
             elif word == layers[layer, 6] + 2 and layer + 1 < layers.shape[0]:
-                result = wp.cast(1.0 / steps[network, layer + 1, 0], wp.uint32)
+                result = wp.cast(1.0 / (127.0 * steps[network, layer + 1, 0]), wp.uint32)
         packed[network * words + word] = result
 
     return pack_kernel
