@@ -3,6 +3,7 @@ at Disney", 2012). Radiance is linear; directions are unit vectors in tangent sp
 
 import warp as wp
 
+INV_PI = wp.constant(1.0 / 3.14159265358979)
 INTENSITY = wp.constant(1.5)  # of the one distant light
 MIN_ALPHA = wp.constant(1.0e-3)  # a perfect mirror under a distant light has no finite radiance
 
@@ -31,7 +32,7 @@ def ggx(normal: wp.vec3, half: wp.vec3, alpha: float) -> float:
     nxh = wp.cross(normal, half)
     alpha2 = alpha * alpha
     t = wp.dot(nxh, nxh) + alpha2 * nh * nh
-    return alpha2 / (wp.pi * t * t)
+    return alpha2 * INV_PI / (t * t)
 
 
 @wp.func
@@ -58,7 +59,7 @@ def brdf(
         alpha2 = alpha * alpha
 
         fd90 = 2.0 * lh * lh * roughness - 0.5  # Fd90 - 1
-        diffuse = (1.0 + fd90 * schlick(nl)) * (1.0 + fd90 * schlick(nv)) * (1.0 - metalness) / wp.pi
+        diffuse = (1.0 + fd90 * schlick(nl)) * (1.0 + fd90 * schlick(nv)) * ((1.0 - metalness) * INV_PI)
 
         # Smith's G divided by 4 (n.l) (n.v), one denominator for each direction
         gl = nl + wp.sqrt(alpha2 + nl * nl - alpha2 * nl * nl)

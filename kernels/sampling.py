@@ -75,6 +75,6 @@ def lobe_density(normal: wp.vec3, roughness: float, light: wp.vec3, view: wp.vec
     if nv > 0.0 and nh > 0.0:
         alpha = ggx_alpha(roughness)
         views = 0.5 + 0.5 * alpha * (1.0 + alpha) / ((nv + alpha) * (nv + alpha))
-        lights = ggx(normal, half, alpha) * nh / (4.0 * wp.dot(light, half))  # Walter et al. 2007, eq. 14
-        density = views * lights * 2.0 * wp.pi
+        per_light = 0.5 * wp.pi / wp.dot(light, half)  # 1 / 4 (l.h), Walter et al. 2007, eq. 14, over 1 / 2 pi
+        density = views * ggx(normal, half, alpha) * nh * per_light
     return density

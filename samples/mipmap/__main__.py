@@ -20,7 +20,8 @@ noise: a rate that learns from the dark blows up at the first highlight. What ma
 - All maps that the shader takes are learned, specular and metalness too: dimmer highlights are one more way out.
 - Adam starts from Toksvig's maps, rate 0.01, on a cosine to 0. Averaged weights then bring nothing more.
 
-Given these gradients SGD reaches 1.1 to 1.3 times Adam's errors (`--sweep`): the noise, not the method, fails first.
+Given the same gradients SGD comes within 6 % of Adam, at a rate of its own for each material; on the course's
+gradients Adam fares no better than SGD (`--sweep`). What fails under noise is any optimizer; what wins is less noise.
 """
 
 import json
@@ -54,7 +55,7 @@ class Config(MaterialConfig):
     """pairs of light and view a texel and step"""
     rate: float = 0.01
     """Adam's learning rate at the start"""
-    sgd_rate: float = 1e-6
+    sgd_rate: float = 1e-4
     """SGD's learning rate at the start"""
     judge_pairs: int = 4096
     """held-out pairs a texel"""
@@ -92,12 +93,12 @@ def main(config: Config) -> dict:
         curve = []
 
         def watch(step: int) -> None:
-            if step % max(steps // 20, 1) == 0 or step == steps - 1:
-                errors = judge(source, [learner.maps()], pairs=32, seed=4 * config.seed + 2)
-                curve.append((step, errors.linear[0], errors.displayed[0]))
+            errors = judge(source, [learner.maps()], pairs=32, seed=4 * config.seed + 2)
+            curve.append((step, errors.linear[0], errors.displayed[0]))
 
         bar = cli.progress(range(steps), config, desc=f"{optimizer:4}", position=list(recipes).index(optimizer))
-        seconds = run(learner, bar, watch)
+        seconds = run(learner, bar, every=max(steps // 20, 1), watch=watch)
+        watch(steps)
         return learner.maps(), np.array(curve), seconds
 
     wp.load_module(Learner.__module__, device=device)  # before the threads, or each compiles it

@@ -35,7 +35,7 @@ def learn_chain(config: MaterialConfig, source: Maps, recipe: Recipe, steps: int
         start = toksvig(above, factor)
         packed = pack(above, factor, device)
         learner = Learner(packed, start, recipe, steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
-        run(learner, range(steps), lambda step: None)
+        run(learner, range(steps), every=steps, watch=lambda step: None)
         chain.append(learner.maps())
         candidates = {"box": box_filter(source, 2**level), "toksvig": classical, "adam": chain[level]}
         pairs = max(config.judge_pairs // 4, 1)

@@ -30,7 +30,7 @@ def sweep(
         recipe, start = gradients[kind]
         recipe = replace(recipe, optimizer=optimizer, rate=rate)
         learner = Learner(source, start, recipe, steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
-        run(learner, range(steps), lambda step: None)
+        run(learner, range(steps), every=steps, watch=lambda step: None)
         errors = judge(source, [learner.maps()], pairs=config.judge_pairs // 8, seed=4 * config.seed + 2)
         row = {"gradients": kind, "optimizer": optimizer.__name__, "rate": rate}
         rows.append(row | {"linear": float(errors.linear[0]), "display": float(errors.displayed[0])})
