@@ -8,7 +8,8 @@ if not getattr(kernels, "__warp_neural__", False):
         "(pip uninstall kernels) or use a fresh virtual environment"
     )
 
+from warp_neural import coopvec
 from warp_neural.errors import InputError
 from warp_neural.network import MLP
 
-__all__ = ["MLP", "InputError"]
+__all__ = ["MLP", "InputError", "coopvec"]

@@ -12,6 +12,7 @@ from kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, 
 from kernels.coopvec.network import make_network
 from kernels.coopvec.spec import FORMATS, INT8, NetworkSpec, Parameters, select_network
 from kernels.mlp import make_layer_kernel, make_mlp, make_tiled_mlp
+from warp_neural.coopvec import check_combination
 from warp_neural.errors import InputError
 from warp_neural.initialization import xavier_uniform
 
@@ -64,6 +65,7 @@ class MLP:
             raise InputError(f"count={count}: at least one network is needed")
         sizes = (n_in, *[width] * depth, n_out)
         dtype = wp.float32 if dtype is float else dtype
+        check_combination(precision, accumulation, dtype, device=device)
         self.spec = NetworkSpec(sizes, activation, output_activation, FORMATS[precision], accumulation, dtype)
         self.count, self.implementation = count, implementation
         rng = np.random.default_rng(seed)
