@@ -36,6 +36,14 @@ def ggx(normal: wp.vec3, half: wp.vec3, alpha: float) -> float:
 
 
 @wp.func
+def half_vector(light: wp.vec3, view: wp.vec3) -> wp.vec3:
+    """The normal of the facet that mirrors one into the other; without `wp.normalize`'s test for zero, which they
+    cannot be when both are above the surface, a compiler takes it out of loops over facets."""
+    both = light + view
+    return both * (1.0 / wp.sqrt(wp.dot(both, both)))
+
+
+@wp.func
 def brdf(
     albedo: wp.vec3,
     normal: wp.vec3,
@@ -53,7 +61,7 @@ def brdf(
     nv = wp.dot(normal, view)
     color = wp.vec3(0.0)
     if nl > 0.0 and nv > 0.0:
-        half = wp.normalize(light + view)
+        half = half_vector(light, view)
         lh = wp.dot(light, half)
         alpha = ggx_alpha(roughness)
         alpha2 = alpha * alpha

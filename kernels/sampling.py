@@ -6,7 +6,7 @@ to the uniform pair's (1 / 2 pi)^2, so 1 / density is the importance weight.
 
 import warp as wp
 
-from kernels.brdf import ggx, ggx_alpha
+from kernels.brdf import ggx, ggx_alpha, half_vector
 
 
 @wp.func
@@ -67,14 +67,11 @@ def lobe_light(normal: wp.vec3, roughness: float, view: wp.vec3, u: float, v: fl
 
 @wp.func
 def lobe_density(normal: wp.vec3, roughness: float, light: wp.vec3, view: wp.vec3) -> float:
-    """Density of (`lobe_view`, `lobe_light`), relative to a uniform pair."""
-    half = wp.normalize(light + view)
-    nv = wp.dot(normal, view)
+    """Density of (`lobe_view`, `lobe_light`), relative to a uniform pair. Without branches, for GPUs."""
+    half = half_vector(light, view)
+    nv = wp.max(wp.dot(normal, view), 0.0)
     nh = wp.dot(normal, half)
-    density = float(0.0)
-    if nv > 0.0 and nh > 0.0:
-        alpha = ggx_alpha(roughness)
-        views = 0.5 + 0.5 * alpha * (1.0 + alpha) / ((nv + alpha) * (nv + alpha))
-        per_light = 0.5 * wp.pi / wp.dot(light, half)  # 1 / 4 (l.h), Walter et al. 2007, eq. 14, over 1 / 2 pi
-        density = views * ggx(normal, half, alpha) * nh * per_light
-    return density
+    alpha = ggx_alpha(roughness)
+    views = 0.5 + 0.5 * alpha * (1.0 + alpha) / ((nv + alpha) * (nv + alpha))
+    per_light = 0.5 * wp.pi / wp.dot(light, half)  # 1 / 4 (l.h), Walter et al. 2007, eq. 14, over 1 / 2 pi
+    return wp.where(nv > 0.0, views * ggx(normal, half, alpha) * wp.max(nh, 0.0) * per_light, 0.0)

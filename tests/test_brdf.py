@@ -34,7 +34,7 @@ def loss_gradient_kernel(
     gradient[i, 8] = ds
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel  # backward enabled, or the other kernel's wp.grad finds empty adjoints: see samples/mipmap/learn.py
 def brdf_kernel(
     maps: wp.array2d[float],
     light: wp.array[wp.vec3],

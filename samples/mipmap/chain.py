@@ -1,5 +1,7 @@
 """`--levels N`: a whole mip chain, each level learned."""
 
+from dataclasses import replace
+
 from samples.mipmap.classical import box_filter, toksvig
 from samples.mipmap.figures import CHANNELS, save_maps, stacked
 from samples.mipmap.judge import judge
@@ -32,9 +34,9 @@ def learn_chain(config: MaterialConfig, source: Maps, recipe: Recipe, steps: int
             chain.append(classical)
             continue
         above, factor = (chain[0], 2) if level == 1 else (chain[level - 2], 4)
-        start = toksvig(above, factor)
+        here = replace(recipe, start=toksvig(above, factor))
         packed = pack(above, factor, device)
-        learner = Learner(packed, start, recipe, steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
+        learner = Learner(packed, here, steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
         run(learner, range(steps), every=steps, watch=lambda step: None)
         chain.append(learner.maps())
         candidates = {"box": box_filter(source, 2**level), "toksvig": classical, "adam": chain[level]}

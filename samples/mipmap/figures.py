@@ -36,16 +36,17 @@ def save_comparison(path: Path, truth: np.ndarray, pictures: dict[str, np.ndarra
     _save(path, figure)
 
 
-def save_curves(path: Path, curves: dict[str, np.ndarray], classical: dict[str, tuple[float, float]]) -> None:
-    """Curves `[points, 3]` of step, linear and displayed error; the classical answers as level lines."""
+def save_curves(path: Path, curves: dict[str, np.ndarray]) -> None:
+    """Curves `[points, 3]` of step, linear and displayed error; where each begins is its classical start."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 4.2), layout="constrained")
-    for column, (axis, title) in enumerate(zip(figure.subplots(1, 2), ("linear", "display"), strict=True)):
+    starts = {"sgd": "box", "adam": "toksvig"}
+    for column, (axis, title) in enumerate(zip(figure.subplots(1, 2), ("linear", "display"), strict=True), start=1):
         for name, curve in curves.items():
-            axis.plot(curve[:, 0], curve[:, 1 + column], label=LABELS[name], color=COLORS[name])
-        for name, errors in classical.items():
-            axis.axhline(errors[column], label=LABELS[name], color=COLORS[name], linestyle="--")
+            axis.plot(curve[:, 0], curve[:, column], label=LABELS[name], color=COLORS[name])
+            start = starts[name]
+            axis.axhline(curve[0, column], label=LABELS[start], color=COLORS[start], linestyle="--")
         axis.set(title=f"{title} error on held-out pairs", xlabel="step", ylabel="mean squared error", yscale="log")
         axis.grid(alpha=0.3)
         axis.legend()

@@ -7,33 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from samples.mipmap.maps import Maps, pack, unpack_normal
-from warp_neural.shading import brdf, display, random_stream, uniform_hemisphere
+from samples.mipmap.maps import Maps, pack, packed_shade
+from warp_neural.shading import display, random_stream, uniform_hemisphere
 
 BATCHES = 16
 
 
 @wp.func
-def shade(first: wp.vec4, second: wp.vec4, light: wp.vec3, view: wp.vec3) -> wp.vec3:
-    """The shader on a packed texel."""
-    albedo = wp.vec3(first[0], first[1], first[2])
-    return brdf(albedo, unpack_normal(second), first[3], second[2], second[3], light, view)
-
-
-@wp.func
-def shade_mean(source: wp.array2d[wp.vec4], t: int, light: wp.vec3, view: wp.vec3) -> wp.vec3:
+def shade_mean(source: wp.array3d[float], t: int, light: wp.vec3, view: wp.vec3) -> wp.vec3:
     """The truth: what a viewer sees who cannot tell the source's texels under texel `t` apart."""
-    count = source.shape[0] // 2
     color = wp.vec3(0.0)
-    for k in range(count):
-        color += shade(source[2 * k, t], source[2 * k + 1, t], light, view)
-    return color / float(count)
+    for k in range(source.shape[0]):
+        color += packed_shade(source, k, t, light, view)
+    return color / float(source.shape[0])
 
 
 @wp.kernel(enable_backward=False)
 def judge_kernel(
-    source: wp.array2d[wp.vec4],  # [2 * texels of the source under a texel, n]
-    candidates: wp.array2d[wp.vec4],  # [2 * candidates, n]
+    source: wp.array3d[float],  # [texels of the source under a texel, 8, n]
+    candidates: wp.array3d[float],  # [candidates, 8, n]
     seed: int,
     first_batch: int,
     pairs: int,
@@ -49,7 +41,7 @@ def judge_kernel(
         truth = shade_mean(source, t, light, view)
         shown_truth = display(truth)
         for c in range(linear.shape[0]):
-            color = shade(candidates[2 * c, t], candidates[2 * c + 1, t], light, view)
+            color = packed_shade(candidates, c, t, light, view)
             error = color - truth
             shown = display(color) - shown_truth
             linear[c, b, t] = linear[c, b, t] + wp.dot(error, error) / 3.0
@@ -58,8 +50,8 @@ def judge_kernel(
 
 @wp.kernel(enable_backward=False)
 def picture_kernel(
-    source: wp.array2d[wp.vec4],
-    candidates: wp.array2d[wp.vec4],
+    source: wp.array3d[float],
+    candidates: wp.array3d[float],
     lights: wp.array[wp.vec3],  # [pictures]
     views: wp.array[wp.vec3],
     pictures: wp.array3d[wp.vec3],  # [1 + candidates, pictures, n], displayed values
@@ -68,7 +60,7 @@ def picture_kernel(
     p, t = wp.tid()
     pictures[0, p, t] = display(shade_mean(source, t, lights[p], views[p]))
     for c in range(pictures.shape[0] - 1):
-        pictures[c + 1, p, t] = display(shade(candidates[2 * c, t], candidates[2 * c + 1, t], lights[p], views[p]))
+        pictures[c + 1, p, t] = display(packed_shade(candidates, c, t, lights[p], views[p]))
 
 
 @dataclass(frozen=True)
@@ -86,7 +78,7 @@ def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) ->
 
     On the CPU the batches are shared between two threads, since Warp's CPU launches run on the calling one.
     """
-    device, texels = source.device, source.shape[1]
+    device, texels = source.device, source.shape[2]
     planes = _planes(candidates, device)
     workers = 1 if device.is_cuda else min(2, os.cpu_count() or 1)
     batches = BATCHES // workers
@@ -107,7 +99,7 @@ def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) ->
 
 def render(source: wp.array, candidates: list[Maps], lights: np.ndarray, views: np.ndarray) -> np.ndarray:
     """Displayed pictures `[1 + candidates, pictures, height, width, 3]`, the truth first; lights `[pictures, 3]`."""
-    device, texels = source.device, source.shape[1]
+    device, texels = source.device, source.shape[2]
     pictures = wp.empty((1 + len(candidates), len(lights), texels), dtype=wp.vec3, device=device)
     directions = [wp.array(d, dtype=wp.vec3, device=device) for d in (lights, views)]
     inputs = [source, _planes(candidates, device), *directions, pictures]
@@ -138,4 +130,4 @@ def flip(truth: np.ndarray, picture: np.ndarray) -> float:
 
 def _planes(candidates: list[Maps], device: wp.Device) -> wp.array:
     planes = [pack(maps, 1, device).numpy() for maps in candidates]
-    return wp.array(np.concatenate(planes), dtype=wp.vec4, device=device)
+    return wp.array(np.concatenate(planes), dtype=float, device=device)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from samples.mipmap.maps import Maps, unpack_normal
+from samples.mipmap.maps import Maps, packed_normal, packed_roughness, packed_shade
 from warp_neural.optim import Parameters, cosine
 from warp_neural.shading import (
     brdf,
@@ -51,7 +51,7 @@ def keep_adjoints_kernel(v: wp.array[wp.vec3], x: wp.array[float], loss: wp.arra
 
 @wp.kernel(enable_backward=False)
 def gradient_kernel(
-    source: wp.array2d[wp.vec4],  # [2 * texels of the source under one of the maps, n], see pack
+    source: wp.array3d[float],  # [texels of the source under a texel, 8, n], see pack
     seed: int,
     steps: wp.array[int],  # [1], part of the seed
     pairs: int,
@@ -71,7 +71,7 @@ def gradient_kernel(
     """The texel's gradient, averaged over `pairs` random pairs of a light and a view direction."""
     t = wp.tid()
     random = random_stream(seed, steps[0], t)
-    count = source.shape[0] // 2
+    count = source.shape[0]
     own_normal = wp.normalize(normal[t])
     own_roughness = roughness[t]
     albedo_sum = wp.vec3(0.0)
@@ -90,8 +90,8 @@ def gradient_kernel(
         facet_roughness = own_roughness
         if wp.randf(random) < 0.5:
             facet = wp.min(int(choice * float(count)), count - 1)
-            facet_normal = unpack_normal(source[2 * facet + 1, t])
-            facet_roughness = source[2 * facet, t][3]
+            facet_normal = packed_normal(source, facet, t)
+            facet_roughness = packed_roughness(source, facet, t)
         if wp.randf(random) >= uniform_share:
             view = lobe_view(facet_normal, facet_roughness, wp.randf(random), wp.randf(random), wp.randf(random))
             light = lobe_light(facet_normal, facet_roughness, view, wp.randf(random), wp.randf(random))
@@ -100,12 +100,8 @@ def gradient_kernel(
             reference = wp.vec3(0.0)
             density = float(0.0)
             for k in range(count):
-                first = source[2 * k, t]
-                second = source[2 * k + 1, t]
-                n = unpack_normal(second)
-                c = wp.vec3(first[0], first[1], first[2])
-                reference += brdf(c, n, first[3], second[2], second[3], light, view)
-                density += lobe_density(n, first[3], light, view)
+                density += lobe_density(packed_normal(source, k, t), packed_roughness(source, k, t), light, view)
+                reference += packed_shade(source, k, t, light, view)
             reference /= float(count)
 
             # One-sample balance heuristic (Veach and Guibas 1995): unbiased, and no weight exceeds 1 / uniform_share
@@ -150,10 +146,11 @@ def project_kernel(
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to learn: what the gradients are made of and what follows them."""
+    """How to learn: from which maps, along which gradients, and what follows them."""
 
     optimizer: Callable  # warp_neural.optim.Adam or SGD
     rate: float  # at the start; a cosine takes it to 0
+    start: Maps
     uniform_share: float  # of the pairs that are uniform on the hemisphere
     weights: tuple[float, float]  # of radiance and displayed error
 
@@ -161,24 +158,24 @@ class Recipe:
 class Learner:
     """Maps in training."""
 
-    def __init__(self, source: wp.array, start: Maps, recipe: Recipe, *, steps: int, pairs: int, seed: int) -> None:
-        self.shape, self.size, self.device = start.shape, source.shape[1], source.device
-        arrays = {name: self._upload(image) for name, image in start.arrays().items()}
+    def __init__(self, source: wp.array, recipe: Recipe, *, steps: int, pairs: int, seed: int) -> None:
+        self.shape, self.size, self.device = recipe.start.shape, source.shape[2], source.device
+        arrays = {name: self._upload(image) for name, image in recipe.start.arrays().items()}
         self.parameters = Parameters(**arrays)
         self.optimizer = recipe.optimizer(self.parameters, lr=cosine(recipe.rate, 0.0, steps))
         maps = [self.parameters[name] for name in arrays]
         gradients = [array.grad for array in maps]
         weights = wp.vec2(*recipe.weights)
         chances = [source, seed, self.optimizer.steps, pairs, recipe.uniform_share, weights]
-        self._gradient = self._record(gradient_kernel, [*chances, *maps, *gradients])
-        self._project = self._record(project_kernel, maps)
-        self._project.launch()
+        self.gradient = self._record(gradient_kernel, [*chances, *maps, *gradients])
+        self.project = self._record(project_kernel, maps)
+        self.project.launch()
 
     def step(self) -> None:
         """One gradient step of every texel: four launches, which a CUDA graph may hold."""
-        self._gradient.launch()
+        self.gradient.launch()
         self.optimizer.step()
-        self._project.launch()
+        self.project.launch()
 
     def maps(self) -> Maps:
         """A copy of the maps as they are now."""

@@ -10,6 +10,7 @@ from warp_neural.cli import CommonConfig
 from warp_neural.default_material import default_material
 from warp_neural.errors import InputError
 from warp_neural.material import load_material
+from warp_neural.shading import brdf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,21 +70,40 @@ def source_maps(config: MaterialConfig, device: wp.Device) -> tuple[str, Maps]:
 
 
 def pack(maps: Maps, factor: int, device: wp.Device) -> wp.array:
-    """Planes of vec4, `[2 factor^2, texels]`: a thread reads all that lies under its texel in whole, coalesced vec4s.
+    """`[factor^2, 8, texels]`: all that lies under each texel, one plane for each of its texels and channels.
 
-    Even planes hold albedo and roughness, odd ones normal x and y (z follows, it is positive), metalness, specular.
+    Neighbouring threads read neighbouring floats. The channels are albedo, roughness, normal x and y (z follows, it is
+    positive), metalness, specular.
     """
-    first = np.concatenate([maps.albedo, maps.roughness[..., None]], axis=-1)
-    second = np.concatenate([maps.normal[..., :2], maps.metalness[..., None], maps.specular[..., None]], axis=-1)
-    height, width = maps.shape
-    both = np.stack([first, second], axis=2).astype(np.float32)  # [height, width, 2, 4]
-    both = both.reshape(height // factor, factor, width // factor, factor, 2, 4).transpose(1, 3, 4, 0, 2, 5)
-    return wp.array(both.reshape(2 * factor * factor, -1, 4), dtype=wp.vec4, device=device)
+    height, width = maps.shape[0] // factor, maps.shape[1] // factor
+    single = [image[..., None] for image in (maps.roughness, maps.metalness, maps.specular)]
+    channels = np.concatenate([maps.albedo, single[0], maps.normal[..., :2], *single[1:]], axis=-1, dtype=np.float32)
+    planes = channels.reshape(height, factor, width, factor, 8).transpose(1, 3, 4, 0, 2)
+    return wp.array(planes.reshape(factor * factor, 8, height * width), dtype=float, device=device)
 
 
 @wp.func
-def unpack_normal(second: wp.vec4) -> wp.vec3:
-    """The unit normal of an odd plane's texel."""
-    x = second[0]
-    y = second[1]
+def packed_albedo(packed: wp.array3d[float], k: int, t: int) -> wp.vec3:
+    """Of texel k of those under texel t; likewise below."""
+    return wp.vec3(packed[k, 0, t], packed[k, 1, t], packed[k, 2, t])
+
+
+@wp.func
+def packed_roughness(packed: wp.array3d[float], k: int, t: int) -> float:
+    return packed[k, 3, t]
+
+
+@wp.func
+def packed_normal(packed: wp.array3d[float], k: int, t: int) -> wp.vec3:
+    """Unit length."""
+    x = packed[k, 4, t]
+    y = packed[k, 5, t]
     return wp.vec3(x, y, wp.sqrt(wp.max(1.0 - x * x - y * y, 0.0)))
+
+
+@wp.func
+def packed_shade(packed: wp.array3d[float], k: int, t: int, light: wp.vec3, view: wp.vec3) -> wp.vec3:
+    """The shader on one packed texel: linear radiance."""
+    albedo = packed_albedo(packed, k, t)
+    normal = packed_normal(packed, k, t)
+    return brdf(albedo, normal, packed_roughness(packed, k, t), packed[k, 6, t], packed[k, 7, t], light, view)

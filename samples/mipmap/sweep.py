@@ -8,7 +8,7 @@ import warp as wp
 
 from samples.mipmap.judge import judge
 from samples.mipmap.learn import Learner, Recipe, run
-from samples.mipmap.maps import Maps, MaterialConfig
+from samples.mipmap.maps import MaterialConfig
 from warp_neural import cli
 from warp_neural.files import atomic_path
 from warp_neural.optim import SGD, Adam
@@ -16,20 +16,17 @@ from warp_neural.optim import SGD, Adam
 RATES = {SGD: [1e-7, 3e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3], Adam: [1e-3, 3e-3, 1e-2, 2e-2, 3e-2]}
 
 
-def sweep(
-    config: MaterialConfig, source: wp.array, starts: dict[str, Maps], recipes: dict[str, Recipe], steps: int
-) -> dict[str, float]:
+def sweep(config: MaterialConfig, source: wp.array, recipes: dict[str, Recipe], steps: int) -> dict[str, float]:
     """Errors after every rate, `sweep.json`, and the rate with the least linear error for each combination.
 
     "course" are the course's gradients from the box-filtered maps, "ours" the recipe's from Toksvig's.
     """
-    gradients = {"course": (recipes["sgd"], starts["sgd"]), "ours": (recipes["adam"], starts["adam"])}
+    gradients = {"course": recipes["sgd"], "ours": recipes["adam"]}
     jobs = [(kind, optimizer, rate) for kind in gradients for optimizer in RATES for rate in RATES[optimizer]]
     rows = []
     for kind, optimizer, rate in cli.progress(jobs, config, desc="sweep"):
-        recipe, start = gradients[kind]
-        recipe = replace(recipe, optimizer=optimizer, rate=rate)
-        learner = Learner(source, start, recipe, steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
+        recipe = replace(gradients[kind], optimizer=optimizer, rate=rate)
+        learner = Learner(source, recipe, steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
         run(learner, range(steps), every=steps, watch=lambda step: None)
         errors = judge(source, [learner.maps()], pairs=config.judge_pairs // 8, seed=4 * config.seed + 2)
         row = {"gradients": kind, "optimizer": optimizer.__name__, "rate": rate}
