@@ -4,7 +4,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import reference
+import reference_networks as reference
 import warp as wp
 
 from kernels.coopvec.spec import NetworkSpec, select_network

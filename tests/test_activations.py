@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import reference
+import reference_networks as reference
 import warp as wp
 
 from kernels import activations

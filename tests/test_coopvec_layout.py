@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 import pytest
-import reference
+import reference_networks as reference
 import warp as wp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

@@ -3,7 +3,7 @@
 import ml_dtypes
 import numpy as np
 import pytest
-import reference
+import reference_networks as reference
 import warp as wp
 
 from kernels.coopvec.formats import make_decode, make_encode

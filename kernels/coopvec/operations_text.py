@@ -30,7 +30,9 @@ def element_index(layout: str, format, rows: int, columns: int, stride: str) -> 
     else:
         lane, register = "k % 8 / 2", f"k % {step} / {half}"
         element = f"k % 2 + k % {half} / 8 * 2" if per_word == 4 else "k % 2"
-    word = f"((n / 8 * {pairs} + k / {2 * step}) * 32 + n % 8 * 4 + {lane}) * 4 + k % {2 * step} / {step} * 2 + {register}"
+    word = (
+        f"((n / 8 * {pairs} + k / {2 * step}) * 32 + n % 8 * 4 + {lane}) * 4 + k % {2 * step} / {step} * 2 + {register}"
+    )
     return f"({word}) * {per_word} + {element}"
 
 

@@ -1,0 +1,95 @@
+"""The truth about networks in float64 NumPy: activations, forward and backward, rounding to each number format."""
+
+import math
+
+import ml_dtypes
+import numpy as np
+
+
+def sigmoid(z):
+    return 1 / (1 + np.exp(-z))
+
+
+ACTIVATIONS = {
+    "linear": lambda z: z,
+    "relu": lambda z: np.maximum(z, 0),
+    "leaky_relu": lambda z: np.where(z > 0, z, 0.01 * z),
+    "exponential": np.exp,
+    "shifted_exponential": lambda z: np.exp(z - 3),
+    "sigmoid": sigmoid,
+    "tanh": np.tanh,
+    "silu": lambda z: z * sigmoid(z),
+    "gelu": lambda z: 0.5 * z * (1 + np.vectorize(math.erf)(z / math.sqrt(2))),
+    "softplus": lambda z: np.logaddexp(0, z),
+    "sine": np.sin,
+    "squareplus": lambda z: 0.5 * (z + np.sqrt(z * z + 4)),
+}
+
+
+def slope(f, z, step=1e-6):
+    return (f(z + step) - f(z - step)) / (2 * step)
+
+
+def mlp(weights, biases, activations, x, dy=None):
+    """Network results `[n, n_out]` of `x` `[n, n_in]`; with `dy`, also gradients of weights, of biases, and of `x`."""
+    h, kept = np.asarray(x, np.float64), []
+    for w, b, f in zip(weights, biases, activations, strict=True):
+        z = h @ w.T + b
+        kept.append((h, z))
+        h = f(z)
+    if dy is None:
+        return h
+    dw, db = [], []
+    for w, f, (x, z) in reversed(list(zip(weights, activations, kept, strict=True))):
+        dz = dy * slope(f, z)
+        dw.insert(0, dz.T @ x)
+        db.insert(0, dz.sum(axis=0))
+        dy = dz @ w
+    return h, dw, db, dy
+
+
+FORMATS = {
+    "float16": np.float16,
+    "bfloat16": ml_dtypes.bfloat16,
+    "e4m3": ml_dtypes.float8_e4m3fn,
+    "e5m2": ml_dtypes.float8_e5m2,
+}
+
+
+def rounded(x, format):
+    """`x` rounded to a format and back to float32; 8-bit formats saturate, int8 rounds to whole numbers."""
+    x = np.asarray(x, np.float32)
+    if format == "float32":
+        return x
+    if format == "tf32":  # cvt.rna: ties away from zero
+        return ((x.view(np.uint32) + 0x1000) & 0xFFFFE000).view(np.float32)
+    if format == "int8":
+        return np.rint(np.clip(x, -127, 127))
+    if format in ("e4m3", "e5m2"):
+        largest = np.float32(ml_dtypes.finfo(FORMATS[format]).max)
+        x = np.clip(x, -largest, largest)
+    return x.astype(FORMATS[format]).astype(np.float32)
+
+
+def mlp_rounded(weights, biases, activations, x, format, accumulation="float32", steps=None):
+    """The network as tensor cores compute it: rounded weights and vectors, sums in float32 in the order of the inputs.
+
+    With float16 accumulation, sums are rounded after each block of 16 (float16) or 32 products (8 bits). steps
+    `[layers, 2]`: of the inputs and of the weights, for int8.
+    """
+    half = accumulation == "float16"
+    block = 32 if format in ("e4m3", "e5m2") else 16
+    h = np.asarray(x, np.float32)
+    for layer, (w, b, f) in enumerate(zip(weights, biases, activations, strict=True)):
+        step_in, step = np.float32(steps[layer]) if format == "int8" else np.ones(2, np.float32)
+        h, w = rounded(h * (1 / step_in), format), rounded(w / step, format)
+        total = np.tile(np.float32(0 if format == "int8" else b), (len(h), 1)) * np.ones(len(b), np.float32)
+        total = rounded(total, "float16") if half else total
+        for k in range(len(w.T)):  # one fused multiply-add: exact product, one rounding
+            total = (h[:, k, None].astype(np.float64) * w[:, k] + total).astype(np.float32)
+            if half and (k % block == block - 1 or k == len(w.T) - 1):
+                total = rounded(total, "float16")
+        if format == "int8":
+            total = (total.astype(np.float64) * (step_in * step) + b).astype(np.float32)
+        h = f(total).astype(np.float32)
+    return rounded(h, "float16") if half else h
