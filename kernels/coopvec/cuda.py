@@ -16,7 +16,6 @@ from kernels.coopvec.fragments import (
     load_weights,
     masked_products,
     packs_halves,
-    prelude,
     pre_activation,
     read_input,
     start_tile,
@@ -37,8 +36,7 @@ def forward(spec: NetworkSpec) -> str:
     layers, _ = network_layout(spec, True)
     blocks = max(layer.k_blocks(spec.format) for layer in layers)
     tiles, parts = layers[-1].n_pad // 8, 2 if packs_halves(spec) else 4
-    body = f"""{mixed_networks(spec, blocks, tiles, parts)}
-{enter(spec)}
+    body = f"""{enter(spec)}
 const unsigned long long first = __shfl_sync(0xffffffffu, key, 0);
 unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
 {read_input(spec, layers[0])}
@@ -47,30 +45,13 @@ const unsigned* base = reinterpret_cast<const unsigned*>(first);
 const unsigned* row[4] = {{base, base, base, base}};
 {layers_text(spec, masked=False)}
 }} else {{
-Fragments f;
-for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r) f.a[m][b][r] = a[m][b][r];
-Mixed::run(key, f);
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {tiles}; ++j) for (int r = 0; r < {parts}; ++r) o[m][j][r] = f.o[m][j][r];
+{ROWS}
+{layers_text(spec, masked=True)}
 }}
 {write_output(spec, layers[-1])}
 return y;
 """
     return result + when_whole_warp(spec, body) + cuda_scalar.forward(spec)
-
-
-def mixed_networks(spec: NetworkSpec, blocks: int, tiles: int, parts: int) -> str:
-    """The layers for warps whose threads evaluate different networks; never inlined, to keep their registers apart."""
-    return f"""struct Fragments {{ unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}]; }};
-struct Mixed {{
-static __device__ __noinline__ void run(unsigned long long key, Fragments& f) {{
-{prelude(spec)}
-{ROWS}
-unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
-for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r) a[m][b][r] = f.a[m][b][r];
-{layers_text(spec, masked=True)}
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {tiles}; ++j) for (int r = 0; r < {parts}; ++r) f.o[m][j][r] = o[m][j][r];
-}} }};
-"""
 
 
 def adjoint(spec: NetworkSpec) -> str:
@@ -111,7 +92,7 @@ def layers_text(spec: NetworkSpec, masked: bool) -> str:
 def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: bool) -> str:
     """One layer: accumulators from the bias, products, activation; `a` becomes the next layer's operand, or `o` is set."""
     tiles = layer.n_pad // 8
-    group = group_of(tiles, 2 if masked else MAX_GROUP)
+    group = group_of(tiles, MAX_GROUP)
     kind, registers = accumulator(spec)
     multiply = masked_products if masked else products
     finish = to_output(spec) if is_last else to_next(spec, layer)
@@ -119,7 +100,7 @@ def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: boo
     declare = "" if is_last else f"unsigned next[2][{blocks}][4];"
     copy = "" if is_last else "a[m][b][r] = next[m][b][r];"
     # wide layers: a loop, with `next` in local memory, rather than minutes of compilation
-    loop = "\n#pragma unroll 1\nfor (auto j0 = 0;" if masked or tiles > 16 else "for (int j0 = 0;"
+    loop = "\n#pragma unroll 1\nfor (auto j0 = 0;" if tiles > 16 else "for (int j0 = 0;"
     return f"""{{ {declare}
 {loop} j0 < {tiles}; j0 += {group}) {{
 {kind} d[2][{group}][{registers}];

@@ -278,7 +278,7 @@ def masked_products(spec: NetworkSpec, layer: LayerLayout, group: int) -> str:
     return f"""for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) {{
 {kind} (&c)[{registers}] = d[m][j];
 {start_tile(spec, layer)} }}
-""" + for_each_network(f"""for (int p = 0; p < {layer.k_pairs(spec.format)}; ++p) {{
+{prefetch(spec, layer, group)}""" + for_each_network(f"""for (int p = 0; p < {layer.k_pairs(spec.format)}; ++p) {{
 {load_weights(spec, layer, group)}
 for (int m = 0; m < 2; ++m) if (use[m])
 for (int b = 0; b < 2; ++b) if (2 * p + b < {layer.k_blocks(spec.format)}) {{
@@ -287,6 +287,14 @@ for (int b = 0; b < 2; ++b) if (2 * p + b < {layer.k_blocks(spec.format)}) {{
     for (int j = 0; j < {group}; ++j) multiply(d[m][j], d[m][j], mine, b ? q[j].z : q[j].x, b ? q[j].w : q[j].y);
 }} }}
 """)
+
+
+def prefetch(spec: NetworkSpec, layer: LayerLayout, group: int) -> str:
+    """Start loading the tiles' weights of all the warp's networks at once, each network's lanes sharing its lines."""
+    pairs = layer.k_pairs(spec.format)
+    return f"""for (unsigned line = rank; line < {4 * group * pairs}u; line += peers)
+    asm volatile("prefetch.global.L1 [%0];" :: "l"(mine + at + {layer.weights} + j0 * {128 * pairs} + 32u * line));
+"""
 
 
 def for_each_network(body: str) -> str:
@@ -316,7 +324,9 @@ const unsigned long long key = reinterpret_cast<unsigned long long>(mine);
 """
 
 
-ROWS = """const unsigned* row[4];
+ROWS = """const unsigned alike = __match_any_sync(0xffffffffu, key);  // lanes with this lane's network
+const unsigned peers = __popc(alike), rank = __popc(alike & ((1u << lane) - 1u));
+const unsigned* row[4];
 for (int i = 0; i < 4; ++i)
     row[i] = reinterpret_cast<const unsigned*>(__shfl_sync(0xffffffffu, key, 8 * i + static_cast<int>(g)));
 """
