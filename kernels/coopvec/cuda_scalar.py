@@ -86,7 +86,8 @@ def layer_input(spec: NetworkSpec, i: int, index: str = "k") -> str:
     raw = f"static_cast<real>(x.c[{index}])" if i == 0 else f"hidden(z{i - 1}[{index}])"
     if i > 0 and spec.format is INT8 and spec.activation is relu:  # the arithmetic of the tensor-core path
         largest = network_layout(spec, True)[0][i - 1].scales + 2
-        return f"fmaf(fminf({raw} * __uint_as_float(__ldg(net + {largest})), 1.0f), 127.0f, 12582912.0f) - 12582912.0f"
+        share = f"fminf({raw} * __uint_as_float(__ldg(net + {largest})), 1.0f)"
+        return f"(fmaf({share}, 127.0f, 12582912.0f) - 12582912.0f)"
     return round_input(spec, layer, raw)
 
 
