@@ -4,8 +4,8 @@ The parameters are those that `layout.py` packs for the CPU. Each neuron's sum s
 in order, one fused multiply-add each, so that CUDA's per-thread arithmetic gives the same bits.
 """
 
-from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.activations import relu
+from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.coopvec.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32, NetworkSpec, round_up
 
 LANES = 16  # of one vector; the compiler splits it where registers are shorter

@@ -10,19 +10,18 @@ from kernels.coopvec import cuda_adjoint, cuda_scalar
 from kernels.coopvec.fragments import (
     MAX_GROUP,
     ROWS,
-    accumulator,
     enter,
     group_of,
     load_weights,
     masked_products,
-    packs_halves,
     pre_activation,
     read_input,
     start_tile,
     unrolled,
     write_rows,
-)  # fmt: skip
+)
 from kernels.coopvec.layout import LayerLayout, network_layout
+from kernels.coopvec.primitives import accumulator, packs_halves
 from kernels.coopvec.spec import BFLOAT16, FLOAT16, INT8, TF32, NetworkSpec
 
 
@@ -90,7 +89,7 @@ def layers_text(spec: NetworkSpec, masked: bool) -> str:
 
 
 def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: bool) -> str:
-    """One layer: accumulators from the bias, products, activation; `a` becomes the next layer's operand, or `o` is set."""
+    """One layer: bias, products, activation; `a` becomes the next layer's operand, or `o` is set."""
     tiles = layer.n_pad // 8
     group = group_of(tiles, MAX_GROUP)
     kind, registers = accumulator(spec)
@@ -133,7 +132,7 @@ for (int m = 0; m < 2; ++m) {{
 
 
 def to_next(spec: NetworkSpec, layer: LayerLayout) -> str:
-    """Activate the tiles `d[m][j]` and convert them to the next layer's A operand; returns the body of loops m, j, h."""
+    """Body of loops m, j, h: activate the tiles `d[m][j]` and convert them to the next layer's A operand."""
     format = spec.format
     in_place = {relu: "half_max({d}, 0u)", leaky_relu: "half_leak({d})", linear: "{d}"}
     if format is TF32:

@@ -10,7 +10,7 @@ products accumulate in float32, and are added to memory atomically in float32.
 Runs of equal hidden layers are loops over `l`, and the tiles of dz a loop over `nb`, or compilation would take seconds.
 """
 
-from kernels.coopvec import fragments
+from kernels.coopvec import fragments, primitives
 from kernels.coopvec.cuda_scalar import ADD, C_TYPES
 from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.coopvec.spec import FLOAT16, NetworkSpec, round_up
@@ -77,7 +77,7 @@ def runs(layers: tuple[LayerLayout, ...]) -> list[tuple[int, int]]:
 
 
 def layer_loop(layers, first: int, count: int, step: str, ascending: bool) -> str:
-    """`step` for each layer l of a run; `at` and `master` are offsets from the run's first layer in words and floats."""
+    """`step` for each layer l of a run; `at`, `master`: offsets from the run's first layer in words and floats."""
     stride = layers[first + 1].weights - layers[first].weights if count > 1 else 0
     master = layers[first + 1].master - layers[first].master if count > 1 else 0
     start, advance = (first, "++l") if ascending else (first + count - 1, "--l")
@@ -91,12 +91,13 @@ const unsigned at = (l - {first}) * {stride}u, master = (l - {first}) * {master}
 
 
 def for_each_word(blocks: int, statement: str) -> str:
-    return f"for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r) {{ {statement} }}\n"
+    loops = f"for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r)"
+    return f"{loops} {{ {statement} }}\n"
 
 
 def lambdas(spec: NetworkSpec) -> str:
     ones = "0x3c003c00u" if spec.format is FLOAT16 else "0x3f803f80u"
-    return f"""{fragments.mma("multiply_add", spec.format, "real")}{ADD}
+    return f"""{primitives.mma("multiply_add", spec.format, "real")}{ADD}
 auto d_hidden = [](real z) -> real {{ return {spec.activation.derivative}; }};
 auto d_last = [](real z) -> real {{ return {spec.output_activation.derivative}; }};
 auto map = [&](auto f, unsigned v) {{ return pack(f(low(v)), f(high(v))); }};
@@ -116,7 +117,7 @@ const unsigned ones = {ones};
 def keep_pre_activations(spec: NetworkSpec, layer: LayerLayout) -> str:
     """One layer forward: `z[l][m][b][r]`; an odd last tile is followed by zeros."""
     tiles = layer.n_pad // 8
-    kind, registers = fragments.accumulator(spec)
+    kind, registers = primitives.accumulator(spec)
     group = fragments.group_of(tiles, fragments.MAX_GROUP)
     word = "d[m][j][h]" if spec.accumulation == "float16" else "pack(z_value(m, j, h, 0), z_value(m, j, h, 1))"
     return f"""{for_each_word(round_up(tiles, 2) // 2, "z[l][m][b][r] = 0u;") if tiles % 2 else ""}
@@ -131,7 +132,7 @@ for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) for (int h = 0; h 
 
 
 def read_gradient(spec: NetworkSpec) -> str:
-    """`adj_ret`, normalised, times the derivative of the last activation: `dz` of the last layer; `unscale` undoes it."""
+    """`dz` of the last layer from `adj_ret`, normalised; `unscale` undoes that."""
     n_out, final = spec.sizes[-1], len(spec.layers) - 1
     blocks = round_up(n_out, 16) // 16
     units = []

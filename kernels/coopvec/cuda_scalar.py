@@ -44,7 +44,8 @@ for (int e = 0; e < 4; ++e) {{ const int k = 4 * c + e; const real w = values[e]
     column = (
         "kb * 8 + 2 * t + r" if per_word == 1 else f"(2 * kb + r) * {format.k_step // 2} + 2 * t + e % 2 + e / 2 * 8"
     )
-    return f"""const uint4* weights = reinterpret_cast<const uint4*>(net + {layer.weights}) + (n / 8 * {pairs}) * 32 + n % 8 * 4;
+    return f"""const uint4* weights = reinterpret_cast<const uint4*>(net + {layer.weights})
+    + n / 8 * {32 * pairs} + n % 8 * 4;
 integer p = 0;
 do {{
 uint4 q[4];
@@ -153,7 +154,8 @@ def adjoint(spec: NetworkSpec) -> str:
 auto d_hidden = [](real z) -> real {{ return {spec.activation.derivative}; }};
 auto d_last = [](real z) -> real {{ return {spec.output_activation.derivative}; }};
 {ADD}
-real* gradient = params.master.grad ? params.master.grad + static_cast<size_t>(params.network) * {spec.n_parameters} : nullptr;
+real* gradient = params.master.grad;
+if (gradient) gradient += static_cast<size_t>(params.network) * {spec.n_parameters};
 real dz{final}[{spec.sizes[-1]}];
 #pragma unroll 4
 for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(adj_ret.c[n]) * d_last(z{final}[n]);

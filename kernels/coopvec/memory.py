@@ -31,7 +31,7 @@ def make_load(n: int, dtype: type) -> wp.Function:
     vec = wp.types.vector(n, dtype)
     per_unit = 16 // SIZES[dtype]
     take = (
-        f"v.c[u * 8 + 2 * w].u = words[w] & 0xffffu; v.c[u * 8 + 2 * w + 1].u = words[w] >> 16;"
+        "v.c[u * 8 + 2 * w].u = words[w] & 0xffffu; v.c[u * 8 + 2 * w + 1].u = words[w] >> 16;"
         if per_unit == 8
         else "v.c[u * 4 + w] = __uint_as_float(words[w]);"
     )

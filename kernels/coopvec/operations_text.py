@@ -3,7 +3,7 @@
 import warp as wp
 
 from kernels import activations
-from kernels.coopvec import cuda, cuda_adjoint, fragments
+from kernels.coopvec import cuda, cuda_adjoint, fragments, primitives
 from kernels.coopvec.cuda_scalar import ADD
 from kernels.coopvec.formats import DECODE, ENCODE
 from kernels.coopvec.layout import LayerLayout
@@ -136,12 +136,13 @@ def load_words(spec, layer: LayerLayout) -> str:
         return f"const uint4 q = __ldg(reinterpret_cast<const uint4*>(base) + (j * {pairs} + p) * 32 + lane);"
     column = "2 * t + r % 2" if format.per_word == 1 else f"r % 2 * {format.k_step // 2} + 2 * t + e % 2 + e / 2 * 8"
     return f"""unsigned words[4];
+const auto* stored = reinterpret_cast<const {WORDS[format.bits]}*>(base);
 for (int r = 0; r < 4; ++r) {{
     words[r] = 0u;
     for (int e = 0; e < {format.per_word}; ++e) {{
         const integer row = 8 * j + g, column = (2 * p + r / 2) * {format.k_step} + {column};
         if (row < {spec.rows} && column < {spec.columns})
-            words[r] |= static_cast<unsigned>(reinterpret_cast<const {WORDS[format.bits]}*>(base)[index(row, column)]) << {format.bits % 32} * e;
+            words[r] |= static_cast<unsigned>(stored[index(row, column)]) << {format.bits % 32} * e;
     }}
 }}
 const uint4 q = make_uint4(words[0], words[1], words[2], words[3]);"""
@@ -151,8 +152,8 @@ def tensor_product(spec, with_bias: bool) -> str:
     """The product for warps that arrive whole; several matrices in a warp are peeled as in `fragments`."""
     network, layer = as_network(spec)
     format, tiles = spec.interpretation, layer.n_pad // 8
-    kind, registers = fragments.accumulator(network)
-    parts = 2 if fragments.packs_halves(network) else 4
+    kind, registers = primitives.accumulator(network)
+    parts = 2 if primitives.packs_halves(network) else 4
     bias = "n < ROWS ? bias_value(row_bias[2 * m + h], n) : 0.0f".replace("ROWS", str(spec.rows))
     starts = [bias.replace("n", f"(8 * j + 2 * t + {e})", 1).replace(", n)", f", 8 * j + 2 * t + {e})") for e in (0, 1)]
     if format is INT8 or not with_bias:
@@ -181,7 +182,8 @@ for (int i = 0; i < 4; ++i) row_bias[i] = reinterpret_cast<{pointer}>(
     __shfl_sync(0xffffffffu, reinterpret_cast<unsigned long long>(biases), 8 * i + static_cast<integer>(g)));
 """
     blocks = layer.k_blocks(format)
-    multiply = fragments.for_each_network(f"""for (int j = 0; j < {tiles}; ++j) for (int p = 0; p < {layer.k_pairs(format)}; ++p) {{
+    multiply = fragments.for_each_network(f"""for (int j = 0; j < {tiles}; ++j)
+for (int p = 0; p < {layer.k_pairs(format)}; ++p) {{
 {load_words(spec, layer)}
 for (int m = 0; m < 2; ++m) for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}) {{
     unsigned mine[4];
@@ -189,7 +191,7 @@ for (int m = 0; m < 2; ++m) for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}
     multiply(d[m][j], d[m][j], mine, b ? q.z : q.x, b ? q.w : q.y);
 }} }}
 """)
-    body = f"""{fragments.prelude(network)}{fragments.stage(network)}
+    body = f"""{primitives.prelude(network)}{primitives.stage(network)}
 const auto& x = v;
 const unsigned long long key = reinterpret_cast<unsigned long long>(elements);
 unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
@@ -242,7 +244,7 @@ for (int kb = 0; kb < {k_blocks}; ++kb) for (int s = 0; s < 2; ++s) {{
 }} }}
 """
     peel = fragments.for_each_network("const real* target = reinterpret_cast<const real*>(base);\n" + accumulate)
-    body = f"""{fragments.prelude(network)}{fragments.stage(network)}{cuda_adjoint.lambdas(network)}
+    body = f"""{primitives.prelude(network)}{primitives.stage(network)}{cuda_adjoint.lambdas(network)}
 const unsigned long long key = reinterpret_cast<unsigned long long>(base_gradient);
 unsigned fa[2][{n_blocks}][4], fb[2][{k_blocks}][4], right[2][{k_blocks}][4];
 {fragments.read_rows(units("a", spec.rows), "fa")}
