@@ -73,15 +73,17 @@ class Errors:
     displayed_spread: np.ndarray
 
 
-def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) -> Errors:
-    """Errors over `pairs` uniform pairs a texel, in 16 batches; spread is the standard error over the batches.
+def workers(device: wp.Device) -> int:
+    """How many threads pay: a CPU launch runs on the thread that makes it, a GPU has one queue."""
+    return 1 if device.is_cuda else min(2, os.cpu_count() or 1)
 
-    On the CPU the batches are shared between two threads, since Warp's CPU launches run on the calling one.
-    """
+
+def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) -> Errors:
+    """Errors over `pairs` uniform pairs a texel, in 16 batches; spread is the standard error over the batches."""
     device, texels = source.device, source.shape[2]
     planes = _planes(candidates, device)
-    workers = 1 if device.is_cuda else min(2, os.cpu_count() or 1)
-    batches = BATCHES // workers
+    threads = workers(device)
+    batches = BATCHES // threads
 
     def some(worker: int) -> np.ndarray:
         sums = wp.zeros((2, len(candidates), batches, texels), dtype=float, device=device)
@@ -90,8 +92,8 @@ def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) ->
         return sums.numpy().mean(axis=-1, dtype=np.float64) / max(pairs // BATCHES, 1)  # [2, candidates, batches]
 
     wp.load_module(judge_kernel.module, device=device)  # before the threads, or each compiles it
-    with ThreadPoolExecutor(workers) as pool:
-        errors = np.concatenate(list(pool.map(some, range(workers))), axis=-1)
+    with ThreadPoolExecutor(threads) as pool:
+        errors = np.concatenate(list(pool.map(some, range(threads))), axis=-1)
     spread = errors.std(axis=-1, ddof=1) / np.sqrt(errors.shape[-1])
     mean = errors.mean(axis=-1)
     return Errors(linear=mean[0], linear_spread=spread[0], displayed=mean[1], displayed_spread=spread[1])
