@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-wp.config.quiet = True
+wp.config.log_level = wp.LOG_WARNING
 ROOT = Path(__file__).resolve().parent.parent
 
 

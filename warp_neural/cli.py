@@ -52,6 +52,7 @@ def run(main: Callable[[Any], dict], config_class: type, args: list[str] | None 
     `InputError` becomes one line on stderr and exit code 2. With `--json` everything else that would reach stdout,
     native output too, goes to stderr.
     """
+    wp.config.log_level = wp.LOG_WARNING  # no line for every module that is compiled or loaded
     config = tyro.cli(config_class, args=args)
     try:
         if not config.json:

@@ -1,0 +1,1 @@
+"""The measurements; `python -m perf.NAME` runs one."""
