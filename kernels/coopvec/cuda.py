@@ -57,7 +57,9 @@ def adjoint(spec: NetworkSpec) -> str:
     """The adjoint snippet's CUDA body: 16-bit formats on tensor cores, the others in per-thread arithmetic."""
     if spec.format not in (FLOAT16, BFLOAT16) or max(spec.sizes) > 128:
         return cuda_scalar.adjoint(spec)
-    return when_whole_warp(spec, cuda_adjoint.body(spec)) + cuda_scalar.adjoint(spec)
+    # larger blocks: the replayed forward pass and the adjoint together would exceed 48 KB of static shared memory
+    small = f"#if WP_TILE_BLOCK_DIM <= 512\n{when_whole_warp(spec, cuda_adjoint.body(spec))}#endif\n"
+    return small + cuda_scalar.adjoint(spec)
 
 
 def when_whole_warp(spec: NetworkSpec, body: str) -> str:

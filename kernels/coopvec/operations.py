@@ -83,8 +83,8 @@ def make_outer_product_accumulate(spec: MatrixSpec) -> wp.Function:
     """`(a, b, gradient, offset, stride)`: gradient += a bᵀ, atomically (coopVecOuterProductAccumulateNV).
 
     a: `spec.vec_out`; b: `spec.vec_in`; gradient: float32 array holding a rows x columns matrix in `spec.layout` from
-    element `offset` on, rows (columns) `stride` elements apart (0: tight). float16 and bfloat16 multiply on tensor cores
-    where a whole warp arrives, which sums its 32 threads before one addition to memory.
+    element `offset` on, rows (columns) `stride` elements apart (0: tight). float16 and bfloat16 multiply on tensor
+    cores where a whole warp arrives, which sums its 32 threads before one addition to memory.
     """
     if spec.interpretation is INT8:
         raise ValueError("outer_product_accumulate needs a floating-point interpretation, not int8")

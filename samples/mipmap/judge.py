@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from samples.mipmap.maps import Maps, pack, packed_shade
+from samples.mipmap.maps import Maps, load_channels, pack, packed_shade
 from warp_neural.shading import display, random_stream, uniform_hemisphere
 
 BATCHES = 16
@@ -18,14 +18,14 @@ def shade_mean(source: wp.array3d[float], t: int, light: wp.vec3, view: wp.vec3)
     """The truth: what a viewer sees who cannot tell the source's texels under texel `t` apart."""
     color = wp.vec3(0.0)
     for k in range(source.shape[0]):
-        color += packed_shade(source, k, t, light, view)
+        color += packed_shade(load_channels(source[k], t), light, view)
     return color / float(source.shape[0])
 
 
 @wp.kernel(enable_backward=False)
 def judge_kernel(
-    source: wp.array3d[float],  # [texels of the source under a texel, 8, n]
-    candidates: wp.array3d[float],  # [candidates, 8, n]
+    source: wp.array3d[float],  # [texels of the source under a texel, n, 8]
+    candidates: wp.array3d[float],  # [candidates, n, 8]
     seed: int,
     first_batch: int,
     pairs: int,
@@ -41,7 +41,7 @@ def judge_kernel(
         truth = shade_mean(source, t, light, view)
         shown_truth = display(truth)
         for c in range(linear.shape[0]):
-            color = packed_shade(candidates, c, t, light, view)
+            color = packed_shade(load_channels(candidates[c], t), light, view)
             error = color - truth
             shown = display(color) - shown_truth
             linear[c, b, t] = linear[c, b, t] + wp.dot(error, error) / 3.0
@@ -60,7 +60,7 @@ def picture_kernel(
     p, t = wp.tid()
     pictures[0, p, t] = display(shade_mean(source, t, lights[p], views[p]))
     for c in range(pictures.shape[0] - 1):
-        pictures[c + 1, p, t] = display(packed_shade(candidates, c, t, lights[p], views[p]))
+        pictures[c + 1, p, t] = display(packed_shade(load_channels(candidates[c], t), lights[p], views[p]))
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def workers(device: wp.Device) -> int:
 
 def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) -> Errors:
     """Errors over `pairs` uniform pairs a texel, in 16 batches; spread is the standard error over the batches."""
-    device, texels = source.device, source.shape[2]
+    device, texels = source.device, source.shape[1]
     planes = _planes(candidates, device)
     threads = workers(device)
     batches = BATCHES // threads
@@ -101,7 +101,7 @@ def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) ->
 
 def render(source: wp.array, candidates: list[Maps], lights: np.ndarray, views: np.ndarray) -> np.ndarray:
     """Displayed pictures `[1 + candidates, pictures, height, width, 3]`, the truth first; lights `[pictures, 3]`."""
-    device, texels = source.device, source.shape[2]
+    device, texels = source.device, source.shape[1]
     pictures = wp.empty((1 + len(candidates), len(lights), texels), dtype=wp.vec3, device=device)
     directions = [wp.array(d, dtype=wp.vec3, device=device) for d in (lights, views)]
     inputs = [source, _planes(candidates, device), *directions, pictures]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from samples.mipmap.maps import Maps, packed_normal, packed_roughness, packed_shade
+from samples.mipmap.maps import Maps, load_channels, packed_normal, packed_shade
 from warp_neural.optim import Parameters, cosine
 from warp_neural.shading import (
     brdf,
@@ -51,7 +51,7 @@ def keep_adjoints_kernel(v: wp.array[wp.vec3], x: wp.array[float], loss: wp.arra
 
 @wp.kernel(enable_backward=False)
 def gradient_kernel(
-    source: wp.array3d[float],  # [texels of the source under a texel, 8, n], see pack
+    source: wp.array3d[float],  # [texels of the source under a texel, n, 8], see pack
     seed: int,
     steps: wp.array[int],  # [1], part of the seed
     pairs: int,
@@ -90,8 +90,9 @@ def gradient_kernel(
         facet_roughness = own_roughness
         if wp.randf(random) < 0.5:
             facet = wp.min(int(choice * float(count)), count - 1)
-            facet_normal = packed_normal(source, facet, t)
-            facet_roughness = packed_roughness(source, facet, t)
+            channels = load_channels(source[facet], t)
+            facet_normal = packed_normal(channels)
+            facet_roughness = channels[3]
         if wp.randf(random) >= uniform_share:
             view = lobe_view(facet_normal, facet_roughness, wp.randf(random), wp.randf(random), wp.randf(random))
             light = lobe_light(facet_normal, facet_roughness, view, wp.randf(random), wp.randf(random))
@@ -100,8 +101,9 @@ def gradient_kernel(
             reference = wp.vec3(0.0)
             density = float(0.0)
             for k in range(count):
-                density += lobe_density(packed_normal(source, k, t), packed_roughness(source, k, t), light, view)
-                reference += packed_shade(source, k, t, light, view)
+                channels = load_channels(source[k], t)
+                density += lobe_density(packed_normal(channels), channels[3], light, view)
+                reference += packed_shade(channels, light, view)
             reference /= float(count)
 
             # One-sample balance heuristic (Veach and Guibas 1995): unbiased, and no weight exceeds 1 / uniform_share
@@ -159,7 +161,7 @@ class Learner:
     """Maps in training."""
 
     def __init__(self, source: wp.array, recipe: Recipe, *, steps: int, pairs: int, seed: int) -> None:
-        self.shape, self.size, self.device = recipe.start.shape, source.shape[2], source.device
+        self.shape, self.size, self.device = recipe.start.shape, source.shape[1], source.device
         arrays = {name: self._upload(image) for name, image in recipe.start.arrays().items()}
         self.parameters = Parameters(**arrays)
         self.optimizer = recipe.optimizer(self.parameters, lr=cosine(recipe.rate, 0.0, steps))

@@ -7,10 +7,13 @@ import numpy as np
 import warp as wp
 
 from warp_neural.cli import CommonConfig
+from warp_neural.coopvec import make_load
 from warp_neural.default_material import default_material
 from warp_neural.errors import InputError
 from warp_neural.material import load_material
 from warp_neural.shading import brdf
+
+Channels = wp.types.vector(8, wp.float32)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,40 +73,31 @@ def source_maps(config: MaterialConfig, device: wp.Device) -> tuple[str, Maps]:
 
 
 def pack(maps: Maps, factor: int, device: wp.Device) -> wp.array:
-    """`[factor^2, 8, texels]`: all that lies under each texel, one plane for each of its texels and channels.
+    """`[factor^2, texels, 8]`: all that lies under each texel; neighbouring threads read neighbouring 32 bytes.
 
-    Neighbouring threads read neighbouring floats. The channels are albedo, roughness, normal x and y (z follows, it is
-    positive), metalness, specular.
+    The channels are albedo, roughness, normal x and y (z follows, it is positive), metalness, specular.
     """
     height, width = maps.shape[0] // factor, maps.shape[1] // factor
     single = [image[..., None] for image in (maps.roughness, maps.metalness, maps.specular)]
     channels = np.concatenate([maps.albedo, single[0], maps.normal[..., :2], *single[1:]], axis=-1, dtype=np.float32)
-    planes = channels.reshape(height, factor, width, factor, 8).transpose(1, 3, 4, 0, 2)
-    return wp.array(planes.reshape(factor * factor, 8, height * width), dtype=float, device=device)
+    rows = channels.reshape(height, factor, width, factor, 8).transpose(1, 3, 0, 2, 4)
+    return wp.array(rows.reshape(factor * factor, height * width, 8), dtype=float, device=device)
+
+
+load_channels = make_load(8, wp.float32)
+"""`(packed[k], t)`: the channels of texel k of those under texel t."""
 
 
 @wp.func
-def packed_albedo(packed: wp.array3d[float], k: int, t: int) -> wp.vec3:
-    """Of texel k of those under texel t; likewise below."""
-    return wp.vec3(packed[k, 0, t], packed[k, 1, t], packed[k, 2, t])
-
-
-@wp.func
-def packed_roughness(packed: wp.array3d[float], k: int, t: int) -> float:
-    return packed[k, 3, t]
-
-
-@wp.func
-def packed_normal(packed: wp.array3d[float], k: int, t: int) -> wp.vec3:
+def packed_normal(channels: Channels) -> wp.vec3:
     """Unit length."""
-    x = packed[k, 4, t]
-    y = packed[k, 5, t]
+    x = channels[4]
+    y = channels[5]
     return wp.vec3(x, y, wp.sqrt(wp.max(1.0 - x * x - y * y, 0.0)))
 
 
 @wp.func
-def packed_shade(packed: wp.array3d[float], k: int, t: int, light: wp.vec3, view: wp.vec3) -> wp.vec3:
+def packed_shade(channels: Channels, light: wp.vec3, view: wp.vec3) -> wp.vec3:
     """The shader on one packed texel: linear radiance."""
-    albedo = packed_albedo(packed, k, t)
-    normal = packed_normal(packed, k, t)
-    return brdf(albedo, normal, packed_roughness(packed, k, t), packed[k, 6, t], packed[k, 7, t], light, view)
+    albedo = wp.vec3(channels[0], channels[1], channels[2])
+    return brdf(albedo, packed_normal(channels), channels[3], channels[6], channels[7], light, view)
