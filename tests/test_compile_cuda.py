@@ -5,6 +5,10 @@ import importlib
 import pytest
 import warp as wp
 
+from kernels.coopvec.network import make_network
+from kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
+from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
+
 MODULES = [
     "kernels.optimizers",
     "kernels.texture",
@@ -20,4 +24,35 @@ MODULES = [
 def test_compiles_for_hopper(name, tmp_path):
     importlib.import_module(name)
     (artifact,) = wp.compile_aot_module(name, arch=90, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
+@pytest.mark.parametrize("arch", [75, 80, 89, 90])
+@pytest.mark.parametrize("format", [FLOAT32, FLOAT16, E4M3, INT8], ids=lambda format: format.name)
+def test_networks_compile_for_every_architecture(format, arch, tmp_path):
+    """Older ones lack the tensor-core instructions of some formats, `stmatrix` and vector reductions."""
+    spec = NetworkSpec((20, 32, 32, 3), format=format)
+    network, vec_in, vec_out = make_network(spec), spec.vec_in, spec.vec_out
+
+    @wp.kernel(module="unique", enable_backward=format is FLOAT16)
+    def kernel(params: Parameters, x: wp.array[vec_in], y: wp.array[vec_out]):
+        i = wp.tid()
+        y[i] = network(params, x[i])
+
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
+def test_operations_compile_for_hopper(tmp_path):
+    spec = MatrixSpec(20, 33, FLOAT16)
+    matmul_add, outer_product = make_matmul_add(spec), make_outer_product_accumulate(spec)
+    vec_in, vec_out = spec.vec_in, spec.vec_out
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(x: wp.array[vec_in], matrix: Buffer, bias: Buffer, gradient: wp.array[float], y: wp.array[vec_out]):
+        i = wp.tid()
+        y[i] = matmul_add(x[i], matrix, 0, 0, bias, 0)
+        outer_product(y[i], x[i], gradient, 0, 0)
+
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
