@@ -14,6 +14,13 @@ from warp_neural.network import IMPLEMENTATIONS
 BLOCK = 32  # samples come in whole blocks of one network each, as the tiled version needs
 
 
+# Largest relative error of rounding to nearest. int8: half a step of max / 127, where the largest of a vector is about
+# four times the root of its mean square.
+ROUNDING = {
+    "tf32": 2**-11, "float16": 2**-11, "bfloat16": 2**-8, "e4m3": 2**-4, "e5m2": 2**-3, "int8": 4 / 254,
+}  # fmt: skip
+
+
 class Results(NamedTuple):
     y: np.ndarray
     dw: list[np.ndarray]
@@ -72,3 +79,14 @@ def samples(n: int, size: int, seed: int = 0) -> np.ndarray:
 def error(a: np.ndarray, b: np.ndarray) -> float:
     """Relative, of the whole array."""
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def flat(results):
+    return [results.y, *results.dw, *results.db, results.dx]
+
+
+def bound(net):
+    """Each layer rounds its weights and its inputs, independently: the errors add in quadrature."""
+    if net.spec.format.name == "float32" or net.implementation == "per_thread":
+        return 1e-6
+    return ROUNDING[net.spec.format.name] * np.sqrt(2 * len(net.spec.layers))

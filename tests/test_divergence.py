@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import reference_networks as reference
 import warp as wp
-from networks import evaluate, expected
-from test_network import bound, error, flat, random_biases, samples
+from networks import bound, error, evaluate, expected, flat, random_biases, samples
 
 from kernels import activations
 from kernels.coopvec.spec import select_network

@@ -9,7 +9,7 @@ import warp as wp
 import warp.autograd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from networks import BLOCK, error, evaluate, expected, make_kernel, random_biases, samples
+from networks import BLOCK, bound, error, evaluate, expected, flat, make_kernel, random_biases, samples
 
 from kernels import activations
 from warp_neural import MLP
@@ -26,21 +26,9 @@ PRECISIONS = [
     ("e5m2", "float16"),
     ("int8", "float32"),
 ]
-# Largest relative error of rounding to nearest. int8: half a step of max / 127, where the largest of a vector is about
-# four times the root of its mean square.
-ROUNDING = {
-    "tf32": 2**-11, "float16": 2**-11, "bfloat16": 2**-8, "e4m3": 2**-4, "e5m2": 2**-3, "int8": 4 / 254,
-}  # fmt: skip
 all_precisions = pytest.mark.parametrize(("precision", "accumulation"), PRECISIONS)
 all_implementations = pytest.mark.parametrize("implementation", ["cooperative", "per_thread", "tiled"])
 N = 4 * BLOCK
-
-
-def bound(net):
-    """Each layer rounds its weights and its inputs, independently: the errors add in quadrature."""
-    if net.spec.format.name == "float32" or net.implementation == "per_thread":
-        return 1e-6
-    return ROUNDING[net.spec.format.name] * np.sqrt(2 * len(net.spec.layers))
 
 
 @all_precisions
@@ -71,10 +59,6 @@ def test_integer_gradients_are_exact(implementation, device):
     x, dy = rng.integers(-2, 3, (N, 17)).astype(np.float32), rng.integers(-2, 3, (N, 5)).astype(np.float32)
     for a, b in zip(flat(evaluate(net, x, dy)), flat(expected(net, x, dy)), strict=True):
         np.testing.assert_array_equal(a, np.rint(b))
-
-
-def flat(results):
-    return [results.y, *results.dw, *results.db, results.dx]
 
 
 @all_precisions
