@@ -5,6 +5,7 @@ import importlib
 import pytest
 import warp as wp
 
+from kernels.coopvec.convert import convert_kernel
 from kernels.coopvec.network import make_network
 from kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
 from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
@@ -40,6 +41,11 @@ def test_networks_compile_for_every_architecture(format, arch, tmp_path):
         y[i] = network(params, x[i])
 
     (artifact,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
+def test_conversion_compiles_for_hopper(tmp_path):
+    (artifact,) = wp.compile_aot_module(convert_kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
 
 

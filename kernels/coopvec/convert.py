@@ -39,9 +39,33 @@ def matrix_elements(layout: str, format: Format, rows: int, columns: int, stride
     return (lines - 1) * (stride or length) + length
 
 
-@wp.func
-def row_major_index(n: int, k: int, rows: int, columns: int, stride: int) -> int:
-    return n * wp.where(stride > 0, stride, columns) + k
+def element_index(layout: str, format: Format, rows: str, columns: str, stride: str) -> str:
+    """C++ expression of the element index of row `n`, column `k`, from the expressions of the matrix's sizes."""
+    if layout == "row_major":
+        return f"n * ({stride} ? {stride} : {columns}) + k"
+    if layout == "column_major":
+        return f"k * ({stride} ? {stride} : {rows}) + n"
+    if layout == "training_optimal":
+        # PTX ISA, accumulators of m16n8: lane 4 (n % 8) + k % 8 / 2 holds rows n, n + 8 and columns k, k + 1
+        lane = "n % 8 * 4 + k % 8 / 2"
+        return f"((n / 16 * (({columns} + 7) / 8) + k / 8) * 32 + {lane}) * 4 + n % 16 / 8 * 2 + k % 2"
+    step, half, per_word = format.k_step, format.k_step // 2, format.per_word
+    if step == 0:
+        return f"n * (({columns} + 3) / 4 * 4) + k"
+    register, element = ("k % 2", "0") if per_word == 1 else (f"k % {step} / {half}", f"(k % 2 + k % {half} / 8 * 2)")
+    tile = f"(n / 8 * (({columns} + {2 * step - 1}) / {2 * step}) + k / {2 * step})"  # the inverse of layout.py's order
+    word = f"({tile} * 32 + n % 8 * 4 + k % 8 / 2) * 4 + k / {step} % 2 * 2 + {register}"
+    return f"({word}) * {per_word} + {element}"
+
+
+@cache
+def make_element_index(layout: str, format: Format) -> wp.Function:
+    """`(n, k, rows, columns, stride) -> element index` of one matrix."""
+
+    @wp.func_native(f"return {element_index(layout, format, 'rows', 'columns', 'stride')};")
+    def index(n: int, k: int, rows: int, columns: int, stride: int) -> int: ...
+
+    return index
 
 
 @wp.func
@@ -51,19 +75,9 @@ def row_major_coordinates(i: int, rows: int, columns: int, stride: int):
 
 
 @wp.func
-def column_major_index(n: int, k: int, rows: int, columns: int, stride: int) -> int:
-    return k * wp.where(stride > 0, stride, rows) + n
-
-
-@wp.func
 def column_major_coordinates(i: int, rows: int, columns: int, stride: int):
     length = wp.where(stride > 0, stride, rows)
     return i % length, i / length
-
-
-@wp.func
-def padded_index(n: int, k: int, rows: int, columns: int, stride: int) -> int:
-    return n * ((columns + 3) / 4 * 4) + k
 
 
 @wp.func
@@ -73,38 +87,10 @@ def padded_coordinates(i: int, rows: int, columns: int, stride: int):
 
 
 @wp.func
-def training_index(n: int, k: int, rows: int, columns: int, stride: int) -> int:
-    """PTX ISA, accumulators of m16n8: lane 4 (n % 8) + k % 8 / 2 holds rows n, n + 8 and columns k, k + 1."""
-    lane = n % 8 * 4 + k % 8 / 2
-    return ((n / 16 * ((columns + 7) / 8) + k / 8) * 32 + lane) * 4 + n % 16 / 8 * 2 + k % 2
-
-
-@wp.func
 def training_coordinates(i: int, rows: int, columns: int, stride: int):
     tiles = (columns + 7) / 8
     tile = i / 128
     return tile / tiles * 16 + i % 4 / 2 * 8 + i / 4 % 32 / 4, tile % tiles * 8 + i / 4 % 4 * 2 + i % 2
-
-
-@cache
-def make_fragment_index(k_step: int) -> wp.Function:
-    """The inverse of `make_fragment_coordinates`."""
-    step, half = wp.constant(k_step), wp.constant(k_step // 2)
-    per_word = wp.constant(BY_STEP[k_step].per_word)
-
-    @wp.func
-    def fragment_index(n: int, k: int, rows: int, columns: int, stride: int) -> int:
-        pairs = (columns + 2 * step - 1) / (2 * step)
-        if wp.static(per_word == 1):
-            register = k % 2
-            element = 0
-        else:
-            register = k % step / half
-            element = k % 2 + k % half / 8 * 2
-        word = ((n / 8 * pairs + k / (2 * step)) * 32 + n % 8 * 4 + k % 8 / 2) * 4 + k / step % 2 * 2 + register
-        return word * per_word + element
-
-    return fragment_index
 
 
 @cache
@@ -120,16 +106,10 @@ def make_fragment_inverse(k_step: int) -> wp.Function:
     return fragment_inverse
 
 
-INDEX = [row_major_index, column_major_index, padded_index, training_index]
-INDEX += [make_fragment_index(step) for _, step in ORDERS[4:]]
+INDEX = [make_element_index(layout, BY_STEP[step]) for layout, step in ORDERS]
 COORDINATES = [row_major_coordinates, column_major_coordinates, padded_coordinates, training_coordinates]
 COORDINATES += [make_fragment_inverse(step) for _, step in ORDERS[4:]]
 ENCODE, DECODE = [make_encode(f) for f in FORMATS.values()], [make_decode(f) for f in FORMATS.values()]
-
-
-def make_element_index(layout: str, format: Format) -> wp.Function:
-    """`(n, k, rows, columns, stride) -> element index` of one matrix."""
-    return INDEX[order(layout, format)]
 
 
 @wp.struct

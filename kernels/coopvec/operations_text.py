@@ -4,36 +4,13 @@ import warp as wp
 
 from kernels import activations
 from kernels.coopvec import cuda, cuda_adjoint, fragments, primitives
+from kernels.coopvec.convert import element_index
 from kernels.coopvec.cuda_scalar import ADD
 from kernels.coopvec.formats import DECODE, ENCODE
 from kernels.coopvec.layout import LayerLayout
 from kernels.coopvec.spec import BFLOAT16, FLOAT16, INT8, NetworkSpec, round_up
 
 WORDS = {8: "unsigned char", 16: "unsigned short", 32: "unsigned"}
-
-
-def element_index(layout: str, format, rows: int, columns: int, stride: str) -> str:
-    """C++ expression of the element index of stored row `n`, column `k`; `stride` in elements, 0: tight."""
-    if layout == "row_major":
-        return f"n * ({stride} ? {stride} : {columns}) + k"
-    if layout == "column_major":
-        return f"k * ({stride} ? {stride} : {rows}) + n"
-    if layout == "training_optimal":
-        tiles = round_up(columns, 8) // 8
-        return f"((n / 16 * {tiles} + k / 8) * 32 + n % 8 * 4 + k % 8 / 2) * 4 + n % 16 / 8 * 2 + k % 2"
-    if format.k_step == 0:
-        return f"n * {round_up(columns, 4)} + k"
-    pairs = (round_up(columns, format.k_step) // format.k_step + 1) // 2
-    step, half, per_word = format.k_step, format.k_step // 2, format.per_word
-    if per_word == 1:
-        lane, register, element = "k % 8 / 2", "k % 2", "0"
-    else:
-        lane, register = "k % 8 / 2", f"k % {step} / {half}"
-        element = f"k % 2 + k % {half} / 8 * 2" if per_word == 4 else "k % 2"
-    word = (
-        f"((n / 8 * {pairs} + k / {2 * step}) * 32 + n % 8 * 4 + {lane}) * 4 + k % {2 * step} / {step} * 2 + {register}"
-    )
-    return f"({word}) * {per_word} + {element}"
 
 
 def accessors(spec, stride: str = "matrix_stride") -> str:
@@ -48,7 +25,7 @@ auto encode = [](real x) -> unsigned {{ {ENCODE[format]} }};
 auto round_value = [&](real x) {{ return decode(encode(x)); }};
 auto round_half = [](real x) {{ return wp::half_to_float(wp::float_to_half(x)); }};
 auto index = [&](integer row, integer column) -> integer {{
-    {stored} return {element_index(spec.layout, format, rows, columns, elements)}; }};
+    {stored} return {element_index(spec.layout, format, str(rows), str(columns), elements)}; }};
 """
 
 
