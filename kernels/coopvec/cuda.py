@@ -8,7 +8,6 @@ import warp as wp
 from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec import cuda_adjoint, cuda_scalar
 from kernels.coopvec.fragments import (
-    MAX_GROUP,
     ROWS,
     enter,
     group_of,
@@ -22,12 +21,12 @@ from kernels.coopvec.fragments import (
 )
 from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.coopvec.primitives import accumulator, packs_halves
-from kernels.coopvec.spec import BFLOAT16, FLOAT16, INT8, TF32, NetworkSpec
+from kernels.coopvec.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, TF32, NetworkSpec
 
 
 def forward(spec: NetworkSpec) -> str:
     """The snippet's CUDA body."""
-    n_in, n_out, c_type = spec.sizes[0], spec.sizes[-1], cuda_scalar.C_TYPES[spec.dtype]
+    n_in, n_out, c_type = spec.sizes[0], spec.sizes[-1], C_TYPES[spec.dtype]
     result = "using real = wp::float32; using Params = decltype(params);\n"
     result += f"using X = wp::vec_t<{n_in}, {c_type}>; using Y = wp::vec_t<{n_out}, {c_type}>; Y y;\n"
     if spec.format.k_step == 0:
@@ -93,7 +92,7 @@ def layers_text(spec: NetworkSpec, masked: bool) -> str:
 def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: bool) -> str:
     """One layer: bias, products, activation; `a` becomes the next layer's operand, or `o` is set."""
     tiles = layer.n_pad // 8
-    group = group_of(tiles, MAX_GROUP)
+    group = group_of(tiles)
     kind, registers = accumulator(spec)
     multiply = masked_products if masked else products
     finish = to_output(spec) if is_last else to_next(spec, layer)

@@ -11,9 +11,9 @@ Runs of equal hidden layers are loops over `l`, and the tiles of dz a loop over 
 """
 
 from kernels.coopvec import fragments, primitives
-from kernels.coopvec.cuda_scalar import ADD, C_TYPES
+from kernels.coopvec.cuda_scalar import ADD
 from kernels.coopvec.layout import LayerLayout, network_layout
-from kernels.coopvec.spec import FLOAT16, NetworkSpec, round_up
+from kernels.coopvec.spec import C_TYPES, FLOAT16, NetworkSpec, round_up
 
 
 def body(spec: NetworkSpec) -> str:
@@ -118,7 +118,7 @@ def keep_pre_activations(spec: NetworkSpec, layer: LayerLayout) -> str:
     """One layer forward: `z[l][m][b][r]`; an odd last tile is followed by zeros."""
     tiles = layer.n_pad // 8
     kind, registers = primitives.accumulator(spec)
-    group = fragments.group_of(tiles, fragments.MAX_GROUP)
+    group = fragments.group_of(tiles)
     word = "d[m][j][h]" if spec.accumulation == "float16" else "pack(z_value(m, j, h, 0), z_value(m, j, h, 1))"
     return f"""{for_each_word(round_up(tiles, 2) // 2, "z[l][m][b][r] = 0u;") if tiles % 2 else ""}
 for (int j0 = 0; j0 < {tiles}; j0 += {group}) {{

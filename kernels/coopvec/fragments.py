@@ -117,8 +117,8 @@ for (int j = 0; j < {group}; ++j)
 
 
 def masked_products(spec: NetworkSpec, layer: LayerLayout, group: int) -> str:
-    """The same, network after network: rows of other networks are zeroed in the A operand, so that every row collects
-    the product with its own matrix in the same accumulators, and loads do not wait for products."""
+    """`d[m][j]` for `group` tiles from `j0` on, network after network: rows of others are zeroed in the A operand, so
+    that each row collects the product with its own matrix, all in the same accumulators."""
     kind, registers = accumulator(spec)
     return f"""for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) {{
 {kind} (&c)[{registers}] = d[m][j];
@@ -156,8 +156,9 @@ for (int i = 0; i < 4; ++i) keep[i] = 0u - (same >> (8 * i + g) & 1u);
 """
 
 
-def group_of(tiles: int, most: int) -> int:
-    return max(group for group in range(1, most + 1) if tiles % group == 0)
+def group_of(tiles: int) -> int:
+    """The largest number of tiles, at most MAX_GROUP, that divides `tiles`."""
+    return max(group for group in range(1, MAX_GROUP + 1) if tiles % group == 0)
 
 
 def enter(spec: NetworkSpec) -> str:

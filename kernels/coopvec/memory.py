@@ -7,6 +7,8 @@ from functools import cache
 
 import warp as wp
 
+from kernels.coopvec.spec import C_TYPES
+
 SIZES = {wp.float16: 2, wp.float32: 4}
 ROW = "const size_t pitch = {array}.strides[0]; char* const bytes = reinterpret_cast<char*>({data}) + row * pitch;\n"
 
@@ -38,7 +40,7 @@ def make_load(n: int, dtype: type) -> wp.Function:
     wide = f"""const uint4 q = reinterpret_cast<const uint4*>(bytes)[u];
 const unsigned words[4] = {{q.x, q.y, q.z, q.w}};
 for (int w = 0; w < 4; ++w) {{ {take} }}"""
-    c_type = "wp::half" if dtype is wp.float16 else "wp::float32"
+    c_type = C_TYPES[dtype]
     text = f"wp::vec_t<{n}, {c_type}> v;\n" + ROW.format(array="source", data="source.data")
     text += by_16_bytes(n, dtype, wide, f"v.c[i] = reinterpret_cast<{c_type}*>(bytes)[i];") + "return v;\n"
     gradient = "if (source.grad) {\n" + ROW.format(array="source", data="source.grad")
@@ -65,7 +67,7 @@ def make_store(n: int, dtype: type) -> wp.Function:
     wide = f"""unsigned words[4];
 for (int w = 0; w < 4; ++w) words[w] = {word};
 reinterpret_cast<uint4*>(bytes)[u] = make_uint4(words[0], words[1], words[2], words[3]);"""
-    c_type = "wp::half" if dtype is wp.float16 else "wp::float32"
+    c_type = C_TYPES[dtype]
     text = ROW.format(array="target", data="target.data")
     text += by_16_bytes(n, dtype, wide, f"reinterpret_cast<{c_type}*>(bytes)[i] = v.c[i];")
     gradient = "if (target.grad) {\n" + ROW.format(array="target", data="target.grad")

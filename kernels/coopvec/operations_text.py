@@ -8,7 +8,7 @@ from kernels.coopvec.convert import element_index
 from kernels.coopvec.cuda_scalar import ADD
 from kernels.coopvec.formats import DECODE, ENCODE
 from kernels.coopvec.layout import LayerLayout
-from kernels.coopvec.spec import BFLOAT16, FLOAT16, INT8, NetworkSpec, round_up
+from kernels.coopvec.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, NetworkSpec, round_up
 
 WORDS = {8: "unsigned char", 16: "unsigned short", 32: "unsigned"}
 
@@ -37,16 +37,12 @@ def weights_and_bias(spec, with_bias: bool) -> str:
 auto bits = [&](integer n, integer k) -> unsigned {{ return elements[index(n, k)]; }};
 """
     if with_bias:
-        kind = "wp::half" if spec.bias == "float16" else "real"
+        kind = C_TYPES[wp.float16 if spec.bias == "float16" else wp.float32]
         text += f"""const auto* biases = reinterpret_cast<const {kind}*>(
     reinterpret_cast<const char*>(bias.data.data) + bias_offset);
 auto bias_value = [&](const {kind}* b, integer n) -> real {{ return static_cast<real>(b[n]); }};
 """
     return text
-
-
-def c_vector(n: int, dtype: type) -> str:
-    return f"wp::vec_t<{n}, {'wp::half' if dtype is wp.float16 else 'wp::float32'}>"
 
 
 def product(spec, with_bias: bool) -> str:
@@ -58,7 +54,7 @@ def product(spec, with_bias: bool) -> str:
     fast = tensor_product(spec, with_bias) if step else ""
     result = "round_half(sum)" if half else "sum"
     return f"""{accessors(spec)}{weights_and_bias(spec, with_bias)}
-{c_vector(spec.rows, spec.dtype)} y;
+wp::vec_t<{spec.rows}, {C_TYPES[spec.dtype]}> y;
 #if defined(__CUDA_ARCH__)
 {fast}
 #endif
@@ -131,32 +127,29 @@ def tensor_product(spec, with_bias: bool) -> str:
     format, tiles = spec.interpretation, layer.n_pad // 8
     kind, registers = primitives.accumulator(network)
     parts = 2 if primitives.packs_halves(network) else 4
-    bias = "n < ROWS ? bias_value(row_bias[2 * m + h], n) : 0.0f".replace("ROWS", str(spec.rows))
-    starts = [bias.replace("n", f"(8 * j + 2 * t + {e})", 1).replace(", n)", f", 8 * j + 2 * t + {e})") for e in (0, 1)]
+    bias = [f"bias_at(2 * m + h, 8 * j + 2 * t + {e})" for e in (0, 1)]
+    sums = [f"d[m][j][2 * h + {e}]" for e in (0, 1)]
     if format is INT8 or not with_bias:
-        zero = "0x4b400000" if format is INT8 else "0"
+        zero = "0x4b400000" if format is INT8 else "0"  # see fragments.start_tile
         start = f"for (int r = 0; r < {registers}; ++r) d[m][j][r] = {zero};"
     elif spec.accumulation == "float16":
-        start = f"for (int h = 0; h < 2; ++h) d[m][j][h] = half_pack({starts[0]}, {starts[1]});"
+        start = f"for (int h = 0; h < 2; ++h) d[m][j][h] = half_pack({bias[0]}, {bias[1]});"
     else:
-        start = "for (int h = 0; h < 2; ++h) {" + "".join(
-            f" d[m][j][2 * h + {e}] = {starts[e]};" for e in (0, 1)
-        ) + " }"  # fmt: skip
-    value = "d[m][j][2 * h + e]"
+        start = f"for (int h = 0; h < 2; ++h) {{ {sums[0]} = {bias[0]}; {sums[1]} = {bias[1]}; }}"
     if format is INT8:
-        value = "__int_as_float(d[m][j][2 * h + e]) - 12582912.0f"
-        if with_bias:
-            value += " + (" + bias.replace("n", "(8 * j + 2 * t + e)", 1).replace(", n)", ", 8 * j + 2 * t + e)") + ")"
+        add = [f" + {b}" if with_bias else "" for b in bias]
+        sums = [f"__int_as_float({d}) - 12582912.0f{more}" for d, more in zip(sums, add, strict=True)]
     if spec.accumulation == "float16":
         result = "o[m][j][h] = d[m][j][h];"
     elif parts == 2:
-        result = f"o[m][j][h] = half_pack({value.replace('+ e', '+ 0')}, {value.replace('+ e', '+ 1')});"
+        result = f"o[m][j][h] = half_pack({sums[0]}, {sums[1]});"
     else:
-        result = f"for (int e = 0; e < 2; ++e) o[m][j][2 * e + h] = __float_as_uint({value});"
-    pointer = "const wp::half*" if spec.bias == "float16" else "const real*"
+        result = f"o[m][j][h] = __float_as_uint({sums[0]}); o[m][j][2 + h] = __float_as_uint({sums[1]});"
+    pointer = f"const {C_TYPES[wp.float16 if spec.bias == 'float16' else wp.float32]}*"
     rows = f"""{pointer} row_bias[4];
 for (int i = 0; i < 4; ++i) row_bias[i] = reinterpret_cast<{pointer}>(
     __shfl_sync(0xffffffffu, reinterpret_cast<unsigned long long>(biases), 8 * i + static_cast<integer>(g)));
+auto bias_at = [&](integer i, integer n) -> real {{ return n < {spec.rows} ? bias_value(row_bias[i], n) : 0.0f; }};
 """
     blocks = layer.k_blocks(format)
     multiply = fragments.for_each_network(f"""for (int j = 0; j < {tiles}; ++j)

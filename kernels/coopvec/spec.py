@@ -37,6 +37,8 @@ E4M3 = Format("e4m3", 8, 32, 89, 448.0)
 E5M2 = Format("e5m2", 8, 32, 89, 57344.0)
 INT8 = Format("int8", 8, 32, 80, 127.0)
 
+C_TYPES = {wp.float32: "wp::float32", wp.float16: "wp::half"}  # of the vectors' elements, in native text
+
 FORMATS = {f.name: f for f in (FLOAT32, TF32, FLOAT16, BFLOAT16, E4M3, E5M2, INT8)}
 
 MAX_SIZE, MAX_LAYERS = 256, 9  # of one vector; products in a network
