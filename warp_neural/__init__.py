@@ -8,9 +8,9 @@ if not getattr(kernels, "__warp_neural__", False):
         "(pip uninstall kernels) or use a fresh virtual environment"
     )
 
-from kernels import activations
+from kernels import activations, encodings, losses
 from warp_neural import coopvec
 from warp_neural.errors import InputError
 from warp_neural.network import MLP
 
-__all__ = ["MLP", "InputError", "activations", "coopvec"]
+__all__ = ["MLP", "InputError", "activations", "coopvec", "encodings", "losses"]

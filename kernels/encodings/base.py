@@ -1,0 +1,144 @@
+"""What all encodings share: the text of one encoding becomes a function of the thread, its adjoint, or part of another.
+
+The C++ text of an encoding sees these names, each a pointer to floats: `in` [n_in], `out` [n_out] and `p`, its
+trainable parameters; the adjoint's text also `d_out`, `d_in`, to which it adds, and `grad`, of the parameters, or null.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from math import gcd
+
+import warp as wp
+
+from kernels.coopvec.spec import Parameters
+
+# `add(place, value...)` to the gradient, 1, 2 or 4 floats at an address aligned to as many
+ADD = """
+#if defined(__CUDA_ARCH__)
+auto add = [](real* a, real x) { asm volatile("red.global.add.f32 [%0],%1;" :: "l"(a), "f"(x) : "memory"); };
+auto add2 = [&](real* a, real x, real y) {
+#if __CUDA_ARCH__ >= 900
+    asm volatile("red.global.add.v2.f32 [%0],{%1,%2};" :: "l"(a), "f"(x), "f"(y) : "memory");
+#else
+    add(a, x); add(a + 1, y);
+#endif
+};
+auto add4 = [&](real* a, real x, real y, real z, real w) {
+#if __CUDA_ARCH__ >= 900
+    asm volatile("red.global.add.v4.f32 [%0],{%1,%2,%3,%4};" :: "l"(a), "f"(x), "f"(y), "f"(z), "f"(w) : "memory");
+#else
+    add(a, x); add(a + 1, y); add(a + 2, z); add(a + 3, w);
+#endif
+};
+#else
+auto add = [](real* a, real x) { *a += x; };
+auto add2 = [](real* a, real x, real y) { a[0] += x; a[1] += y; };
+auto add4 = [](real* a, real x, real y, real z, real w) { a[0] += x; a[1] += y; a[2] += z; a[3] += w; };
+#endif
+"""
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """A function of n_in inputs with n_out results, for the front of a network; some have trainable parameters.
+
+    `initial`: uniform range of fresh parameters. Sizes that an encoding cannot take are a `ValueError`.
+    """
+
+    @property
+    def initial(self) -> tuple[float, float]:
+        return 0.0, 0.0
+
+    def n_out(self, n_in: int) -> int:
+        raise NotImplementedError
+
+    def n_parameters(self, n_in: int) -> int:
+        """Trainable float32 parameters."""
+        return 0
+
+    def make(self, n_in: int, offset: int = 0, stride: int | None = None) -> wp.Function:
+        """`(params: Parameters, x: vec of n_in float32) -> vec of n_out float32`, for any thread of any kernel.
+
+        The parameters of network i lie in `params.master` from `offset + i * stride` on; `stride` is `n_parameters` if
+        not given. Offsets and strides that are multiples of 4 are read and added to in whole vectors. Differentiable
+        through `wp.Tape` in x and in `params.master`.
+        """
+        return make_encode(self, n_in, offset, self.n_parameters(n_in) if stride is None else stride)
+
+    def make_adjoint(self, n_in: int, offset: int = 0, stride: int | None = None) -> wp.Function | None:
+        """`(params: Parameters, x, dy: vec of n_out) -> None`: adds the parameters' gradient to `params.master.grad`.
+
+        For kernels that are not differentiated themselves. None for encodings without parameters.
+        """
+        if self.n_parameters(n_in) == 0:
+            return None
+        return make_encode_adjoint(self, n_in, offset, self.n_parameters(n_in) if stride is None else stride)
+
+    def forward(self, n_in: int, aligned: int) -> str:
+        """C++ that sets every `out`; `p` is aligned to `aligned` floats, 1, 2 or 4."""
+        raise NotImplementedError
+
+    def adjoint(self, n_in: int, aligned: int) -> str:
+        """C++ that adds to `d_in` and, unless it is null, to `grad`."""
+        raise NotImplementedError
+
+
+@cache
+def make_encode(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.Function:
+    """`Encoding.make`."""
+    n_out, aligned = encoding.n_out(n_in), gcd(offset, stride, 4)
+    vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(n_out, float)
+    prelude = f"{enter(offset, stride)}"
+
+    @wp.func_native(
+        f"{prelude}wp::vec_t<{n_out}, real> y;\nreal* const out = y.c;\n{encoding.forward(n_in, aligned)}return y;\n",
+        adj_snippet=f"{prelude}{enter_adjoint(offset, stride)}"
+        f"const real* const d_out = adj_ret.c;\nreal* const d_in = adj_x.c;\n{encoding.adjoint(n_in, aligned)}",
+    )
+    def encode(params: Parameters, x: vec_in) -> vec_out: ...
+
+    return encode
+
+
+@cache
+def make_encode_adjoint(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.Function:
+    """`Encoding.make_adjoint`."""
+    vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(encoding.n_out(n_in), float)
+
+    @wp.func_native(
+        f"{enter(offset, stride)}{enter_adjoint(offset, stride)}"
+        f"const real* const d_out = dy.c;\nreal unused[{n_in}] = {{}};\nreal* const d_in = unused;\n"
+        f"{encoding.adjoint(n_in, gcd(offset, stride, 4))}"
+    )
+    def encode_adjoint(params: Parameters, x: vec_in, dy: vec_out): ...
+
+    return encode_adjoint
+
+
+def enter(offset: int, stride: int) -> str:
+    return f"""using real = wp::float32;
+const wp::int64 start = {offset} + wp::int64(params.network) * {stride};
+const real* const in = x.c;
+const real* const p = params.master.data + start;
+"""
+
+
+def enter_adjoint(offset: int, stride: int) -> str:
+    return f"""real* const grad = params.master.grad ? params.master.grad + start : nullptr;
+{ADD}"""
+
+
+def number(value: float) -> str:
+    """A float literal."""
+    return f"{float(value)!r}f"
+
+
+def numbers(values) -> str:
+    """The inside of an initializer."""
+    return ", ".join(number(value) for value in values)
+
+
+def require_positive(encoding: Encoding, *names: str) -> None:
+    for name in names:
+        if getattr(encoding, name) < 1:
+            raise ValueError(f"{type(encoding).__name__}({name}={getattr(encoding, name)}): at least 1 is needed")
