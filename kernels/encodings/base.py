@@ -12,7 +12,13 @@ import warp as wp
 
 from kernels.coopvec.spec import Parameters
 
-# `add(place, value...)` to the gradient, 1, 2 or 4 floats at an address aligned to as many
+UNROLL = """
+#if defined(__CUDA_ARCH__)
+#pragma unroll
+#endif
+"""
+
+# `add(place, value)`, `add2`, `add4`: to the gradient, at an address aligned to as many floats
 ADD = """
 #if defined(__CUDA_ARCH__)
 auto add = [](real* a, real x) { asm volatile("red.global.add.f32 [%0],%1;" :: "l"(a), "f"(x) : "memory"); };
@@ -27,7 +33,7 @@ auto add4 = [&](real* a, real x, real y, real z, real w) {
 #if __CUDA_ARCH__ >= 900
     asm volatile("red.global.add.v4.f32 [%0],{%1,%2,%3,%4};" :: "l"(a), "f"(x), "f"(y), "f"(z), "f"(w) : "memory");
 #else
-    add(a, x); add(a + 1, y); add(a + 2, z); add(a + 3, w);
+    add2(a, x, y); add2(a + 2, z, w);
 #endif
 };
 #else
@@ -126,6 +132,34 @@ const real* const p = params.master.data + start;
 def enter_adjoint(offset: int, stride: int) -> str:
     return f"""real* const grad = params.master.grad ? params.master.grad + start : nullptr;
 {ADD}"""
+
+
+def read_entry(count: int, aligned: int, place: str) -> str:
+    """Statements that read `count` floats at `place`, aligned to `aligned`, into a new array `v`."""
+    width = gcd(count, aligned)
+    if width == 1:
+        load = "v[c] = __ldg(entry + c);"
+    else:
+        load = f"const float{width} q = __ldg(reinterpret_cast<const float{width}*>(entry + c)); "
+        load += " ".join(f"v[c + {i}] = q.{axis};" for i, axis in enumerate("xyzw"[:width]))
+    return f"""const real* const entry = {place};
+real v[{count}];
+#if defined(__CUDA_ARCH__)
+#pragma unroll
+for (int c = 0; c < {count}; c += {width}) {{ {load} }}
+#else
+for (int c = 0; c < {count}; ++c) v[c] = entry[c];
+#endif
+"""
+
+
+def add_entry(count: int, aligned: int, place: str, weight: str, values: str) -> str:
+    """Statements that add `weight` times the `count` floats of array `values` to the gradient at `place`."""
+    width = gcd(count, aligned)
+    terms = ", ".join(f"{weight} * {values}[c + {i}]" for i in range(width))
+    return f"""real* const target = {place};{UNROLL}
+for (int c = 0; c < {count}; c += {width}) add{width if width > 1 else ""}(target + c, {terms});
+"""
 
 
 def number(value: float) -> str:

@@ -25,6 +25,45 @@ class Identity(Encoding):
 
 
 @dataclass(frozen=True)
+class TriangleWave(Encoding):
+    """Triangle waves of x with periods 2, 1, 1/2, ...: `octaves` of each input (Mueller et al. 2021, NRC).
+
+    Wave k is 4 |t - floor(t) - 1/2| - 1 of t = 2^(k - 1) x + k / 4, as in tiny-cuda-nn: each is a quarter of a period
+    ahead of the one before. Results go by input, then by octave.
+    """
+
+    octaves: int = 12
+
+    def __post_init__(self):
+        require_positive(self, "octaves")
+        if self.octaves > 24:
+            raise ValueError(f"TriangleWave(octaves={self.octaves}): float32 holds 24")
+
+    def n_out(self, n_in: int) -> int:
+        return self.octaves * n_in
+
+    def forward(self, n_in: int, aligned: int) -> str:
+        return self.for_each(n_in, "out[at] = 4.0f * wp::abs(t) - 1.0f;")
+
+    def adjoint(self, n_in: int, aligned: int) -> str:
+        return self.for_each(n_in, "d_in[i] += d_out[at] * (t < 0.0f ? -4.0f : 4.0f) * f;")
+
+    def for_each(self, n_in: int, use: str) -> str:
+        """`use` with `t` in [-1/2, 1/2) for each input i and octave k."""
+        return f"""
+#pragma unroll
+for (int i = 0; i < {n_in}; ++i)
+#pragma unroll
+for (int k = 0; k < {self.octaves}; ++k) {{
+    const real f = 0.5f * static_cast<real>(1u << k), turns = in[i] * f + 0.25f * static_cast<real>(k % 4);
+    const real t = turns - wp::floor(turns) - 0.5f;
+    const int at = i * {self.octaves} + k;
+    {use}
+}}
+"""
+
+
+@dataclass(frozen=True)
 class Frequency(Encoding):
     """sin and cos of pi `lowest` 2^k x for k = 0 ... `octaves` - 1 (NeRF; Mildenhall et al. 2020, eq. 4).
 
@@ -58,11 +97,11 @@ class Frequency(Encoding):
     def adjoint(self, n_in: int, aligned: int) -> str:
         return self.for_each(
             n_in,
-            """
-for (int lane = 0; lane < count; ++lane) {
+            f"""for (int lane = 0; lane < count; ++lane) {{
     const int i = first + lane;
-    d_in[i / OCTAVES] += turn[lane] * (d_out[2 * i] * pairs[2 * lane + 1] - d_out[2 * i + 1] * pairs[2 * lane]);
-}""".replace("OCTAVES", str(self.octaves)).replace("turn[lane]", "3.14159265f * frequency[lane]"),
+    const real slope = d_out[2 * i] * pairs[2 * lane + 1] - d_out[2 * i + 1] * pairs[2 * lane];
+    d_in[i / {self.octaves}] += 3.14159265f * frequency[lane] * slope;
+}}""",
             f"d_in[i / {self.octaves}] += 3.14159265f * f * (d_out[2 * i] * cosine - d_out[2 * i + 1] * sine);",
         )
 
@@ -73,8 +112,7 @@ for (int lane = 0; lane < count; ++lane) {
     def groups(self, n_in: int, use: str) -> str:
         """`pairs`, sine and cosine in turn, and their `frequency`."""
         total = n_in * self.octaves
-        lanes = min(16, 1 << (total - 1).bit_length())
-        lanes = max(lanes, 2)
+        lanes = min(16, max(2, 1 << (total - 1).bit_length()))
         text = f"typedef real vec __attribute__((ext_vector_type({lanes})));\n"
         text += f"typedef wp::int32 ivec __attribute__((ext_vector_type({lanes})));\n"
         for first in range(0, total, lanes):
