@@ -3,6 +3,8 @@
 Step counter and rate live on the device, so a captured CUDA graph advances when it is replayed.
 """
 
+from functools import cache
+
 import warp as wp
 
 
@@ -16,48 +18,67 @@ def tick_kernel(rates: wp.array[float], beta1: float, beta2: float, step: wp.arr
     scalars[2] = 1.0 / (1.0 - wp.pow(beta2, float(now + 1)))
 
 
-@wp.kernel(enable_backward=False)
-def adam_kernel(
-    scalars: wp.array[float],
-    beta1: float,
-    beta2: float,
-    eps: float,
-    weight_decay: float,
-    clear: bool,
-    gradient: wp.array[float],
+@wp.func
+def adam(
+    i: int,
+    g: float,
+    p: float,
+    rate: float,
+    corrections: wp.vec2,
+    settings: wp.vec4,
     first: wp.array[float],
     second: wp.array[float],
-    parameters: wp.array[float],
-):
-    """Kingma and Ba 2015, algorithm 1; weight decay as Loshchilov and Hutter 2019, algorithm 2 (AdamW)."""
-    i = wp.tid()
-    g = gradient[i]
-    m = beta1 * first[i] + (1.0 - beta1) * g
-    v = beta2 * second[i] + (1.0 - beta2) * g * g
+) -> float:
+    """Parameter i after a step, from its value p and gradient g. settings: beta1, beta2, eps, weight decay.
+
+    Kingma and Ba 2015, algorithm 1; weight decay as Loshchilov and Hutter 2019, algorithm 2 (AdamW).
+    """
+    m = settings[0] * first[i] + (1.0 - settings[0]) * g
+    v = settings[1] * second[i] + (1.0 - settings[1]) * g * g
     first[i] = m
     second[i] = v
-    p = parameters[i]
-    change = m * scalars[1] / (wp.sqrt(v * scalars[2]) + eps)
-    parameters[i] = p - scalars[0] * (change + weight_decay * p)
-    if clear:
-        gradient[i] = 0.0
+    change = m * corrections[0] / (wp.sqrt(v * corrections[1]) + settings[2])
+    return p - rate * (change + settings[3] * p)
 
 
-@wp.kernel(enable_backward=False)
-def sgd_kernel(
-    scalars: wp.array[float],
-    momentum: float,
-    weight_decay: float,
-    clear: bool,
-    gradient: wp.array[float],
-    velocity: wp.array[float],
-    parameters: wp.array[float],
-):
-    """Heavy-ball momentum, undamped (PyTorch's form): velocity = momentum velocity + gradient; p -= rate velocity."""
-    i = wp.tid()
-    p = parameters[i]
-    v = momentum * velocity[i] + gradient[i] + weight_decay * p
-    velocity[i] = v
-    parameters[i] = p - scalars[0] * v
-    if clear:
-        gradient[i] = 0.0
+@wp.func
+def sgd(
+    i: int,
+    g: float,
+    p: float,
+    rate: float,
+    corrections: wp.vec2,
+    settings: wp.vec4,
+    first: wp.array[float],
+    second: wp.array[float],
+) -> float:
+    """Heavy-ball momentum, undamped (PyTorch's form): velocity (`first`) = momentum velocity + gradient.
+
+    settings: momentum, -, -, weight decay.
+    """
+    v = settings[0] * first[i] + g + settings[3] * p
+    first[i] = v
+    return p - rate * v
+
+
+@cache
+def make_update_kernel(update: wp.Function) -> wp.Kernel:
+    """One step of `adam` or `sgd` for every parameter; `scalars` are those of `tick_kernel`."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def update_kernel(
+        scalars: wp.array[float],
+        settings: wp.vec4,
+        clear: bool,
+        gradient: wp.array[float],
+        first: wp.array[float],
+        second: wp.array[float],
+        parameters: wp.array[float],
+    ):
+        i = wp.tid()
+        corrections = wp.vec2(scalars[1], scalars[2])
+        parameters[i] = update(i, gradient[i], parameters[i], scalars[0], corrections, settings, first, second)
+        if clear:
+            gradient[i] = 0.0
+
+    return update_kernel

@@ -4,12 +4,10 @@
 step count and rate on the host (a replayed CUDA graph would not advance), and know neither vec2, vec4 nor matrices.
 """
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
-from kernels.optimizers import adam_kernel, sgd_kernel, tick_kernel
+from kernels.optimizers import adam, make_update_kernel, sgd, tick_kernel
 
 __all__ = ["SGD", "Adam", "Parameters", "cosine", "exponential", "linear"]
 
@@ -64,36 +62,49 @@ def exponential(start: float, end: float, steps: int) -> np.ndarray:
 class _Optimizer:
     """What SGD and Adam share: the flat view of the parameters, the rates and the step counter on the device."""
 
-    def __init__(self, parameters: wp.array | Parameters, lr: float | np.ndarray, clear: bool) -> None:
+    update: wp.Function
+    moments: int
+
+    def __init__(self, parameters: wp.array | Parameters | None, lr, settings: tuple[float, ...], clear: bool) -> None:
+        self.lr, self.settings, self.clear = _rates(lr), wp.vec4(*settings), clear
+        if parameters is not None:
+            self.bind(parameters)
+
+    def bind(self, parameters: wp.array | Parameters) -> None:
+        """Start on these parameters; a `Trainer` does this itself."""
         array = parameters.flat if isinstance(parameters, Parameters) else parameters
         if array.grad is None:
             raise ValueError("the parameters have no gradient; make them with requires_grad=True")
         self.values, self.gradient = _scalars(array), _scalars(array.grad)
         self.device = array.device
-        self.clear = clear
-        self.rates = wp.array(np.atleast_1d(_rates(lr)), dtype=wp.float32, device=self.device)
+        self.rates = wp.array(np.atleast_1d(self.lr), dtype=wp.float32, device=self.device)
         self.steps = wp.zeros(1, dtype=wp.int32, device=self.device)
         """[1], the steps taken so far; kernels may read it, e.g. as part of a seed"""
+        self.first = wp.zeros_like(self.gradient)
+        self.second = wp.zeros_like(self.gradient) if self.moments == 2 else self.first
         self._scalars = wp.zeros(3, dtype=wp.float32, device=self.device)
 
-    def _update(self, kernel: wp.Kernel, beta1: float, beta2: float, inputs: list[Any]) -> None:
-        tick = [self.rates, beta1, beta2, self.steps, self._scalars]
+    def step(self) -> None:
+        """Update the parameters from their gradients."""
+        tick = [self.rates, self.settings[0], self.settings[1], self.steps, self._scalars]
         wp.launch(tick_kernel, dim=1, inputs=tick, device=self.device)
-        inputs = [self._scalars, *inputs, self.values]
-        wp.launch(kernel, dim=self.values.size, inputs=inputs, device=self.device)
+        inputs = [self._scalars, self.settings, self.clear, self.gradient, self.first, self.second, self.values]
+        wp.launch(make_update_kernel(self.update), dim=self.values.size, inputs=inputs, device=self.device)
 
 
 class Adam(_Optimizer):
     """Adam; with `weight_decay` AdamW. `step()` is two launches for all parameters and may be captured in a graph.
 
-    Parameters: one contiguous array of any float32 dtype with a gradient, e.g. a network's, or `Parameters`.
-    `lr` is a number or the rates of the steps to come, the last one staying. `clear` zeroes the gradients after use,
-    for kernels that add to them.
+    Parameters: one contiguous array of any float32 dtype with a gradient, e.g. a network's, or `Parameters`; none for
+    a `Trainer`, which binds its own. `lr` is a number or the rates of the steps to come, the last one staying. `clear`
+    zeroes the gradients after use, for kernels that add to them.
     """
+
+    update, moments = adam, 2
 
     def __init__(
         self,
-        parameters: wp.array | Parameters,
+        parameters: wp.array | Parameters | None = None,
         *,
         lr: float | np.ndarray = 1e-3,
         beta1: float = 0.9,
@@ -102,37 +113,24 @@ class Adam(_Optimizer):
         weight_decay: float = 0.0,
         clear: bool = False,
     ) -> None:
-        super().__init__(parameters, lr, clear)
-        self.beta1, self.beta2, self.eps, self.weight_decay = beta1, beta2, eps, weight_decay
-        self.first, self.second = wp.zeros_like(self.gradient), wp.zeros_like(self.gradient)
-
-    def step(self) -> None:
-        """Update the parameters from their gradients."""
-        inputs = [self.beta1, self.beta2, self.eps, self.weight_decay, self.clear]
-        inputs += [self.gradient, self.first, self.second]
-        self._update(adam_kernel, self.beta1, self.beta2, inputs)
+        super().__init__(parameters, lr, (beta1, beta2, eps, weight_decay), clear)
 
 
 class SGD(_Optimizer):
     """Gradient descent, with heavy-ball `momentum` if not 0. Parameters, `lr` and `clear` as for `Adam`."""
 
+    update, moments = sgd, 1
+
     def __init__(
         self,
-        parameters: wp.array | Parameters,
+        parameters: wp.array | Parameters | None = None,
         *,
         lr: float | np.ndarray = 1e-3,
         momentum: float = 0.0,
         weight_decay: float = 0.0,
         clear: bool = False,
     ) -> None:
-        super().__init__(parameters, lr, clear)
-        self.momentum, self.weight_decay = momentum, weight_decay
-        self.velocity = wp.zeros_like(self.gradient)
-
-    def step(self) -> None:
-        """Update the parameters from their gradients."""
-        inputs = [self.momentum, self.weight_decay, self.clear, self.gradient, self.velocity]
-        self._update(sgd_kernel, 0.0, 0.0, inputs)
+        super().__init__(parameters, lr, (momentum, 0.0, 0.0, weight_decay), clear)
 
 
 def _rates(values: float | np.ndarray) -> np.ndarray:
