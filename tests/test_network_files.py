@@ -1,0 +1,170 @@
+"""Networks in our own files: they return bit for bit, and every damaged or foreign file is refused by field."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from kernels import activations
+from kernels.coopvec.spec import FORMATS, INT8, NetworkSpec
+from warp_neural import MLP, InputError
+from warp_neural.network_file import NetworkData, load_network, make_network, read_network, save_network, write_network
+from warp_neural.tensor_file import load_tensors, save_tensors
+
+quiet = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+def network(spec, count=1, seed=0, extra=None):
+    rng, lead = np.random.default_rng(seed), (count,) if count > 1 else ()
+    weights = [rng.normal(size=(*lead, n, k)).astype(np.float32) for k, n in spec.layers]
+    biases = [rng.normal(size=(*lead, n)).astype(np.float32) for _, n in spec.layers]
+    shape = (count, len(spec.layers), 2)
+    steps = rng.uniform(0.1, 1, shape).astype(np.float32) if spec.format is INT8 else None
+    return NetworkData(spec, weights, biases, count, steps, extra or {})
+
+
+def arrays(data):
+    return [*data.weights, *data.biases, *([] if data.steps is None else [data.steps])]
+
+
+def same(a, b):
+    assert (a.spec, a.count, a.extra) == (b.spec, b.count, b.extra)
+    for x, y in zip(arrays(a), arrays(b), strict=True):
+        assert x.dtype == y.dtype == np.float32 and x.shape == y.shape and x.tobytes() == y.tobytes()
+
+
+specs = st.builds(
+    NetworkSpec,
+    sizes=st.lists(st.integers(1, 20), min_size=2, max_size=10).map(tuple),
+    activation=st.sampled_from(activations.ALL),
+    output_activation=st.sampled_from(activations.ALL),
+    format=st.sampled_from(list(FORMATS.values())),
+    dtype=st.sampled_from([wp.float32, wp.float16]),
+)
+
+
+@quiet
+@given(specs, st.integers(1, 3), st.integers(0, 99), st.dictionaries(st.text(), st.text() | st.integers(), max_size=2))
+def test_networks_return_bit_for_bit(tmp_path, spec, count, seed, extra):
+    data = network(spec, count, seed, extra)
+    write_network(tmp_path / "a.safetensors", data)
+    same(read_network(tmp_path / "a.safetensors"), data)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"depth": 0, "output_activation": activations.exponential},
+        {"count": 3, "dtype": wp.float16, "accumulation": "float16", "activation": activations.leaky_relu},
+        {"precision": "int8", "count": 2},
+    ],
+)
+def test_an_mlp_returns_with_the_buffers_that_kernels_read(tmp_path, device, options):
+    net = MLP(3, 2, width=8, **{"depth": 2, **options}, seed=4, device=device)
+    net.biases = [np.full_like(biases, 0.25) for biases in net.biases]
+    if net.spec.format is INT8:
+        net.calibrate(np.full((5, 3), 2.0))
+    path = tmp_path / "net.safetensors"
+    save_network(net, path)
+    loaded = load_network(path, device=device)
+    assert (loaded.spec, loaded.count, loaded.device) == (net.spec, net.count, net.device)
+    for name in ("master", "packed", "steps"):
+        assert (getattr(loaded, name).numpy() == getattr(net, name).numpy()).all(), name
+
+
+def test_an_mlp_has_hidden_layers_of_one_width(tmp_path):
+    data = network(NetworkSpec((2, 3, 4, 1)))
+    with pytest.raises(InputError, match=r"a.safetensors: hidden layers of sizes \[3, 4\]; an MLP has one width"):
+        make_network(tmp_path / "a.safetensors", data)
+
+
+def test_what_cannot_be_kept_is_not_written(tmp_path):
+    own = dataclasses.replace(activations.relu, name="mine", value="z")
+    with pytest.raises(InputError, match="activation 'mine' is your own"):
+        write_network(tmp_path / "a", network(NetworkSpec((2, 1), output_activation=own)))
+    data = network(NetworkSpec((2, 1)))
+    data.biases[0][:] = np.nan
+    with pytest.raises(InputError, match="NaN or infinite"):
+        write_network(tmp_path / "a", data)
+    assert not list(tmp_path.iterdir())
+
+
+REFUSED = {
+    "other format": ({"format": "checkpoint"}, {}, "format 'checkpoint' is not one of network"),
+    "version": ({"version": 2}, {}, "version '2' is not one of 1"),
+    "newer": ({"skip": True}, {}, "unknown metadata 'skip'; read it with a newer"),
+    "sizes": ({"sizes": [2, "3", 1]}, {}, "sizes .* are not integers"),
+    "no sizes": ({"sizes": None}, {}, "sizes 'None' is not of type list"),
+    "large": ({"sizes": [2, 257, 1]}, {}, "sizes .2, 257, 1.: a network has 1 to 9 layers of sizes 1 to 256"),
+    "deep": ({"sizes": [2] * 11}, {}, "1 to 9 layers"),
+    "activation": ({"activation": "z; system()"}, {}, "activation 'z; system\\(\\)' is not one of linear, relu"),
+    "activation type": ({"output_activation": ["relu"]}, {}, "output_activation .* is not one of linear, relu"),
+    "precision": ({"precision": "float12"}, {}, "precision 'float12' is not one of float32, tf32"),
+    "accumulation": ({"accumulation": "float8"}, {}, "accumulation 'float8': not one of"),
+    "combination": ({"precision": "tf32", "accumulation": "float16"}, {}, "tf32 accumulates in float32 only"),
+    "dtype": ({"dtype": "float64"}, {}, "dtype 'float64' is not one of float32, float16"),
+    "no count": ({"count": 0}, {}, "count 0 is not positive"),
+    "count": ({"count": 10**12}, {}, r"tensor 'weights.0' is float32 \[3, 2\], not float32 \[1000000000000, 3, 2\]"),
+    "int8": ({"precision": "int8"}, {}, "tensor 'steps' is missing"),
+    "extra": ({"extra": []}, {}, r"extra '\[\]' is not of type dict"),
+    "missing": ({}, {"biases.1": None}, "tensor 'biases.1' is missing"),
+    "shape": (
+        {},
+        {"weights.1": np.zeros((3, 1), np.float32)},
+        r"'weights.1' is float32 \[3, 1\], not float32 \[1, 3\]",
+    ),
+    "half": ({}, {"biases.0": np.zeros(3, np.float16)}, r"tensor 'biases.0' is float16 \[3\], not float32"),
+    "NaN": ({}, {"biases.0": np.full(3, np.nan, np.float32)}, "tensor 'biases.0' holds NaN"),
+    "more": ({}, {"weights.2": np.zeros(3, np.float32)}, "unknown tensors 'weights.2'"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_files_that_contradict_themselves_are_refused_by_field(tmp_path, case):
+    changes, replaced, message = REFUSED[case]
+    path = tmp_path / "a.safetensors"
+    write_network(path, network(NetworkSpec((2, 3, 1))))
+    tensors, metadata = load_tensors(path)
+    tensors = {name: array for name, array in (tensors | replaced).items() if array is not None}
+    save_tensors(path, tensors, metadata | changes)
+    with pytest.raises(InputError, match=message) as error:
+        read_network(path)
+    assert str(error.value).startswith(f"{path}: ") and "\n" not in str(error.value)
+
+
+@quiet
+@given(st.data())
+def test_any_json_in_place_of_a_field_is_a_network_or_an_input_error(tmp_path, data):
+    path = tmp_path / "a.safetensors"
+    write_network(path, network(NetworkSpec((2, 3, 1))))
+    tensors, metadata = load_tensors(path)
+    value = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.lists(st.integers(-1, 300))
+    metadata[data.draw(st.sampled_from(sorted(metadata)))] = data.draw(value | st.dictionaries(st.text(), value))
+    save_tensors(path, tensors, metadata)
+    check(path, path.stat().st_size)
+
+
+@quiet
+@given(st.lists(st.tuples(st.integers(min_value=0), st.integers(0, 255)), min_size=1, max_size=4))
+def test_damaged_bytes_are_a_network_or_an_input_error(tmp_path, changes):
+    path = tmp_path / "a.safetensors"
+    write_network(path, network(NetworkSpec((2, 3, 1))))
+    content = bytearray(path.read_bytes())
+    for place, value in changes:
+        content[place % len(content)] = value
+    path.write_bytes(content)
+    check(path, len(content))
+
+
+def check(path, n_bytes):
+    try:
+        data = read_network(path)
+    except InputError as error:
+        assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
+        return
+    assert sum(array.nbytes for array in arrays(data)) <= n_bytes
+    assert json.dumps(data.extra)
