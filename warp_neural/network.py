@@ -10,7 +10,9 @@ from kernels import activations
 from kernels.activations import Activation
 from kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
 from kernels.coopvec.network import make_network
-from kernels.coopvec.spec import FORMATS, INT8, NetworkSpec, Parameters, select_network
+from kernels.coopvec.spec import FORMATS, INT8, NetworkSpec, Parameters, round_up, select_network
+from kernels.encodings.base import Encoding
+from kernels.encodings.network import make_encode_kernel, make_encoded
 from kernels.mlp import make_layer_kernel, make_mlp, make_tiled_mlp
 from warp_neural.coopvec import check_combination
 from warp_neural.errors import InputError
@@ -20,12 +22,13 @@ IMPLEMENTATIONS = {"cooperative": make_network, "per_thread": make_mlp, "tiled":
 
 
 class MLP:
-    """`count` networks n_in -> width (`depth` times) -> n_out with one shape, in one pair of buffers.
+    """`count` networks n_in -> [encoding ->] width (`depth` times) -> n_out with one shape, in one pair of buffers.
 
     In a kernel that takes `params: net.Params`, `net.func(params, x)` evaluates network `params.network` for the
     `net.vec_in` x of the calling thread; `net.select(params, i)` is `params` with another network. Differentiable
     through `wp.Tape`: gradients reach `net.gradient` and x.
 
+    encoding: of the n_in inputs, see `wn.encodings`; its parameters, if any, follow those of the networks in `master`.
     precision: the format of weights and of the vectors between layers, one of `FORMATS`. accumulation: "float32" or,
     for float16, e4m3 and e5m2, "float16". dtype: element type of the vectors, float or `wp.float16`. implementation:
     "cooperative" (tensor cores), "per_thread" (float32 loops) or "tiled" (whole blocks: see `make_tiled_mlp`); the
@@ -44,6 +47,7 @@ class MLP:
         width: int = 64,
         depth: int = 3,
         *,
+        encoding: Encoding | None = None,
         activation: Activation = activations.relu,
         output_activation: Activation = activations.linear,
         precision: str = "float16",
@@ -63,14 +67,20 @@ class MLP:
             raise InputError(f"depth={depth}: a network has 0 to 8 hidden layers")
         if count < 1:
             raise InputError(f"count={count}: at least one network is needed")
-        sizes = (n_in, *[width] * depth, n_out)
         dtype = wp.float32 if dtype is float else dtype
+        if encoding and dtype is not wp.float32:
+            raise InputError("dtype=float16 with an encoding: encodings give float32; leave dtype out")
+        self.n_in, self.encoding = n_in, encoding
+        sizes = (encoding.n_out(n_in) if encoding else n_in, *[width] * depth, n_out)
         check_combination(precision, accumulation, dtype, device=device)
         self.spec = NetworkSpec(sizes, activation, output_activation, FORMATS[precision], accumulation, dtype)
         self.count, self.implementation = count, implementation
         rng = np.random.default_rng(seed)
         shapes = self.spec.layers * count
         layers = [np.hstack([initialization(rng, n, k).ravel(), np.zeros(n)]) for k, n in shapes]
+        if encoding:
+            layers.append(np.zeros(self.encoding_start - count * self.n_parameters))
+            layers.append(rng.uniform(*encoding.initial, count * encoding.n_parameters(n_in)))
         self._calibration_inputs = np.random.default_rng(0).uniform(-1, 1, (256, n_in)).astype(np.float32)
         self._allocate(np.hstack(layers), wp.get_device(device))
 
@@ -79,7 +89,7 @@ class MLP:
         spec, self.device = self.spec, device
         words = network_layout(spec, device.is_cuda)[1]
         self.words = words
-        self.master = wp.array(master, dtype=float, device=device, requires_grad=True)  # [count * n_parameters]
+        self.master = wp.array(master, dtype=float, device=device, requires_grad=True)  # networks, then encodings
         self.packed = wp.zeros(self.count * words, dtype=wp.uint32, device=device)
         self.table = wp.array(layer_table(spec, device.is_cuda), dtype=int, device=device)
         self.steps = wp.ones((self.count, len(spec.layers), 2), dtype=float, device=device)  # int8: input, weight
@@ -89,7 +99,7 @@ class MLP:
 
     @property
     def vec_in(self) -> type:
-        return self.spec.vec_in
+        return wp.types.vector(self.n_in, self.spec.dtype)
 
     @property
     def vec_out(self) -> type:
@@ -97,18 +107,29 @@ class MLP:
 
     @property
     def n_parameters(self) -> int:
-        """Of one network."""
+        """Of one network, without its encoding."""
         return self.spec.n_parameters
 
     @property
+    def encoding_start(self) -> int:
+        """Where the parameters of the encodings start in `master`, aligned to 16 bytes."""
+        return round_up(self.count * self.n_parameters, 4)
+
+    @property
     def gradient(self) -> wp.array:
-        """Of `master`, [count * n_parameters]."""
+        """Of `master`."""
         return self.master.grad
 
     @cached_property
     def func(self) -> wp.Function:
         """`(params: net.Params, x: net.vec_in) -> net.vec_out`, for any thread of any kernel."""
-        return IMPLEMENTATIONS[self.implementation](self.spec)
+        network = IMPLEMENTATIONS[self.implementation](self.spec)
+        return make_encoded(network, self.encode) if self.encoding else network
+
+    @cached_property
+    def encode(self) -> wp.Function:
+        """The encoding alone, `(params, x: net.vec_in) -> vec`."""
+        return self.encoding.make(self.n_in, self.encoding_start)
 
     @property
     def select(self) -> wp.Function:
@@ -141,13 +162,17 @@ class MLP:
         """
         if inputs is not None:
             inputs = np.asarray(inputs, np.float32)
-            if inputs.ndim != 2 or inputs.shape[1] != self.spec.sizes[0] or not len(inputs):
-                raise InputError(f"calibration inputs {inputs.shape}: expected [n, {self.spec.sizes[0]}]")
+            if inputs.ndim != 2 or inputs.shape[1] != self.n_in or not len(inputs):
+                raise InputError(f"calibration inputs {inputs.shape}: expected [n, {self.n_in}]")
             self._calibration_inputs = inputs
         samples, layers = len(self._calibration_inputs), self.spec.layers
         ranges = wp.zeros((self.count, len(layers)), dtype=float, device=self.device)
         h = np.broadcast_to(self._calibration_inputs, (self.count, *self._calibration_inputs.shape))
         h = wp.array(h, dtype=float, device=self.device)
+        if self.encoding:
+            h, x = wp.empty((self.count, samples, layers[0][0]), dtype=float, device=self.device), h
+            inputs = [self.params, x, h]
+            wp.launch(make_encode_kernel(self.encode), h.shape[:2], inputs, device=self.device, record_tape=False)
         for layer, (_, n_out) in enumerate(layers):
             y = wp.empty((self.count, samples, n_out), dtype=float, device=self.device)  # [network, sample, n_out]
             wp.launch(
@@ -171,7 +196,7 @@ class MLP:
 
     def _views(self, master: np.ndarray, part: int) -> list[np.ndarray]:
         """The weights (part 0) or biases (1) of each layer in `master`, with an axis of networks if several."""
-        master, views, start = master.reshape(self.count, -1), [], 0
+        master, views, start = master[: self.count * self.n_parameters].reshape(self.count, -1), [], 0
         for n_in, n_out in self.spec.layers:
             weights = master[:, start : start + n_out * n_in].reshape(self.count, n_out, n_in)
             start += n_out * n_in + n_out
