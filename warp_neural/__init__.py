@@ -8,9 +8,10 @@ if not getattr(kernels, "__warp_neural__", False):
         "(pip uninstall kernels) or use a fresh virtual environment"
     )
 
-from kernels import activations, encodings, losses
+from kernels import activations, encodings, losses, sampling_2d
 from warp_neural import coopvec
+from warp_neural.density import Density
 from warp_neural.errors import InputError
 from warp_neural.network import MLP
 
-__all__ = ["MLP", "InputError", "activations", "coopvec", "encodings", "losses"]
+__all__ = ["MLP", "Density", "InputError", "activations", "coopvec", "encodings", "losses", "sampling_2d"]

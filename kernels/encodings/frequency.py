@@ -97,7 +97,8 @@ class Frequency(Encoding):
     def adjoint(self, n_in: int, aligned: int) -> str:
         return self.for_each(
             n_in,
-            f"""for (int lane = 0; lane < count; ++lane) {{
+            f"""#pragma unroll
+for (int lane = 0; lane < count; ++lane) {{
     const int i = first + lane;
     const real slope = d_out[2 * i] * pairs[2 * lane + 1] - d_out[2 * i + 1] * pairs[2 * lane];
     d_in[i / {self.octaves}] += 3.14159265f * frequency[lane] * slope;

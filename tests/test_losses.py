@@ -1,0 +1,155 @@
+"""Every loss against float64, its derivative against finite differences, and its taped against its direct one."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import warp as wp
+
+from kernels import losses
+from kernels.losses import Loss
+
+LOSSES = (*losses.ALL, losses.huber(0.25))
+
+
+def cross_entropy(p, t, w):
+    if p.shape[1] == 1:
+        return (w * (np.logaddexp(0, p) - t * p)).sum(axis=1)
+    return -(w * t * (p - np.logaddexp.reduce(p, axis=1, keepdims=True))).sum(axis=1)
+
+
+def huber(p, t, delta=1.0):
+    d = np.abs(p - t)
+    return np.where(d <= delta, d**2 / 2, delta * (d - delta / 2))
+
+
+# Of one component, from prediction, target, and the prediction again where a derivative takes it for a constant
+TERMS = {
+    "l1": lambda p, t, c: np.abs(p - t),
+    "l2": lambda p, t, c: (p - t) ** 2,
+    "relative_l1": lambda p, t, c: np.abs(p - t) / (np.abs(c) + 0.01),
+    "relative_l2": lambda p, t, c: (p - t) ** 2 / (c**2 + 0.01),
+    "mape": lambda p, t, c: np.abs(p - t) / (np.abs(t) + 0.01),
+    "smape": lambda p, t, c: np.abs(p - t) / ((np.abs(c) + np.abs(t)) / 2 + 0.01),
+    "huber(1.0)": lambda p, t, c: huber(p, t),
+    "huber(0.25)": lambda p, t, c: huber(p, t, 0.25),
+    "gamma_l2": lambda p, t, c: (np.maximum(p, 0) ** (1 / 2.2) - np.maximum(t, 0) ** (1 / 2.2)) ** 2,
+}
+
+
+def expected(loss: Loss, p, t, constant=None):
+    weights = np.array(loss.weights or [1.0] * p.shape[1])
+    if loss.name == "cross_entropy":
+        return cross_entropy(p, t, weights)
+    return (weights * TERMS[loss.name](p, t, p if constant is None else constant)).mean(axis=1)
+
+
+def derivative(loss: Loss, p, t, step=1e-7):
+    columns = []
+    for shift in np.eye(p.shape[1]) * step:
+        columns.append((expected(loss, p + shift, t, p) - expected(loss, p - shift, t, p)) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+def weighted(loss: Loss, n: int) -> Loss:
+    return loss.weighted(*np.linspace(0.0, 2.0, n)) if n > 1 else loss
+
+
+@cache
+def make_kernels(n: int) -> tuple[wp.Kernel, wp.Kernel]:
+    """All losses in one module: values for the tape, and gradients."""
+    vec = wp.types.vector(n, float)
+    values = [weighted(loss, n).value(n) for loss in LOSSES]
+    gradients = [weighted(loss, n).gradient(n) for loss in LOSSES]
+
+    @wp.kernel(module="unique")
+    def value_kernel(p: wp.array2d[vec], t: wp.array[vec], y: wp.array2d[float]):
+        i = wp.tid()
+        for k in range(wp.static(len(values))):
+            y[k, i] = wp.static(values[k])(p[k, i], t[i])
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def gradient_kernel(p: wp.array2d[vec], t: wp.array[vec], d: wp.array2d[vec]):
+        i = wp.tid()
+        for k in range(wp.static(len(gradients))):
+            d[k, i] = wp.static(gradients[k])(p[k, i], t[i])
+
+    return value_kernel, gradient_kernel
+
+
+def evaluate(p: np.ndarray, t: np.ndarray, device: wp.Device) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each loss and sample: value, direct gradient, and taped one times (1, 2, ...)."""
+    samples, n = p.shape
+    vec, shape = wp.types.vector(n, float), (len(LOSSES), samples)
+    predictions = wp.array(np.broadcast_to(p, (*shape, n)), dtype=vec, device=device, requires_grad=True)
+    targets = wp.array(t, dtype=vec, device=device)
+    y = wp.zeros(shape, dtype=float, device=device, requires_grad=True)
+    d = wp.zeros(shape, dtype=vec, device=device)
+    value_kernel, gradient_kernel = make_kernels(n)
+    with wp.Tape() as tape:
+        wp.launch(value_kernel, samples, [predictions, targets, y], device=device)
+    wp.launch(gradient_kernel, samples, [predictions, targets, d], device=device)
+    y.grad.assign(np.broadcast_to(np.arange(1, samples + 1, dtype=np.float32), shape))
+    tape.backward()
+    return y.numpy(), d.numpy(), predictions.grad.numpy()
+
+
+@pytest.mark.parametrize("n", [1, 3, 20])
+def test_losses(n, device):
+    rng = np.random.default_rng(0)
+    p = rng.uniform(-0.5, 3, (100, n)).astype(np.float32)
+    t = rng.dirichlet(np.ones(n), 100).astype(np.float32) if n > 1 else rng.uniform(0, 1, (100, 1)).astype(np.float32)
+    values, gradients, taped = evaluate(p, t, device)
+    p, t = p.astype(np.float64), t.astype(np.float64)
+    for loss, y, d, tape in zip(LOSSES, values, gradients, taped, strict=True):
+        loss = weighted(loss, n)
+        exact = expected(loss, p, t)
+        np.testing.assert_allclose(y, exact, rtol=2e-6, atol=2e-7, err_msg=loss.name)
+        slope = derivative(loss, p, t)
+        np.testing.assert_allclose(d, slope, rtol=2e-5, atol=1e-6 * np.abs(slope).max(), err_msg=loss.name)
+        np.testing.assert_allclose(tape, d * np.arange(1, 101)[:, None], rtol=1e-5, atol=1e-6, err_msg=loss.name)
+
+
+def test_equal_vectors_have_no_loss(device):
+    p = np.random.default_rng(0).uniform(0.1, 1, (10, 3)).astype(np.float32)
+    for loss, y, d in zip(LOSSES, *evaluate(p, p, device)[:2], strict=True):
+        assert loss.name == "cross_entropy" or (not y.any() and not d.any()), loss.name
+
+
+def test_not_finite_shows_in_the_gradient(device):
+    """So that a training step can skip it: the loss of a bad sample never looks like a good one."""
+    p = np.ones((2, 3), np.float32)
+    t = np.array([[0.1, np.nan, 0.2], [np.inf, 0.1, 0.2]], np.float32)
+    for loss, y, d in zip(LOSSES, *evaluate(p, t, device)[:2], strict=True):
+        if "huber" not in loss.name and loss.name not in ("l1", "mape", "smape", "relative_l1"):
+            assert not np.isfinite(y).any(), loss.name
+        assert not np.isfinite(d[0]).all() and not np.isfinite(d[1]).all(), loss.name
+
+
+def test_large_logits_and_dead_predictions_stay_finite(device):
+    p = np.array([[200.0, -200.0, 0.0], [-1.0, 0.0, 1e-30]], np.float32)
+    t = np.array([[0.0, 1.0, 0.0], [0.5, 0.5, 0.5]], np.float32)
+    values, gradients, _ = evaluate(p, t, device)
+    at = [loss.name for loss in LOSSES]
+    k = at.index("cross_entropy")
+    np.testing.assert_allclose([*values[k, :1], *gradients[k, 0]], [400, 1, -1, 0], rtol=1e-6)
+    gamma = gradients[at.index("gamma_l2"), 1]
+    assert gamma[:2].tolist() == [0, 0] and np.isfinite(gamma[2]) and gamma[2] < 0
+
+
+def test_bad_arguments():
+    for make, message in [
+        (lambda: losses.huber(0.0), "positive"),
+        (lambda: losses.l2.weighted(1.0, -1.0), "not negative"),
+        (lambda: losses.l2.weighted(float("nan")), "not negative"),
+        (lambda: losses.l2.weighted(1.0, 2.0).value(3), "2 weights for 3"),
+        (lambda: losses.l2.value(0), "at least 1"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+def test_compiles_for_hopper(tmp_path):
+    for kernel in make_kernels(3):
+        (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
+        assert artifact.stat().st_size > 0
