@@ -9,30 +9,36 @@ import warp as wp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from kernels import activations
+from kernels import activations, encodings
 from kernels.coopvec.spec import FORMATS, INT8, NetworkSpec
 from warp_neural import MLP, InputError
-from warp_neural.network_file import NetworkData, load_network, make_network, read_network, save_network, write_network
+from warp_neural.network_data import NetworkData, read_network, write_network
+from warp_neural.network_file import load_network, make_network, save_network
 from warp_neural.tensor_file import load_tensors, save_tensors
 
 quiet = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
 
-def network(spec, count=1, seed=0, extra=None):
+def network(spec, count=1, seed=0, extra=None, encoding=None, n_in=None):
     rng, lead = np.random.default_rng(seed), (count,) if count > 1 else ()
     weights = [rng.normal(size=(*lead, n, k)).astype(np.float32) for k, n in spec.layers]
     biases = [rng.normal(size=(*lead, n)).astype(np.float32) for _, n in spec.layers]
     shape = (count, len(spec.layers), 2)
     steps = rng.uniform(0.1, 1, shape).astype(np.float32) if spec.format is INT8 else None
-    return NetworkData(spec, weights, biases, count, steps, extra or {})
+    data = NetworkData(spec, weights, biases, count, steps, extra=extra or {})
+    if encoding:
+        parameters = rng.normal(size=count * encoding.n_parameters(n_in)).astype(np.float32)
+        data = dataclasses.replace(data, encoding=encoding, n_in=n_in, encoding_parameters=parameters)
+    return data
 
 
 def arrays(data):
-    return [*data.weights, *data.biases, *([] if data.steps is None else [data.steps])]
+    optional = (data.steps, data.encoding_parameters)
+    return [*data.weights, *data.biases, *(array for array in optional if array is not None)]
 
 
 def same(a, b):
-    assert (a.spec, a.count, a.extra) == (b.spec, b.count, b.extra)
+    assert (a.spec, a.count, a.encoding, a.n_in, a.extra) == (b.spec, b.count, b.encoding, b.n_in, b.extra)
     for x, y in zip(arrays(a), arrays(b), strict=True):
         assert x.dtype == y.dtype == np.float32 and x.shape == y.shape and x.tobytes() == y.tobytes()
 
@@ -55,12 +61,30 @@ def test_networks_return_bit_for_bit(tmp_path, spec, count, seed, extra):
     same(read_network(tmp_path / "a.safetensors"), data)
 
 
+LATENT = encodings.LatentTexture(3, 2, channels=2, initial=(-1.0, 1.0))
+ENCODINGS = [
+    (encodings.Frequency(3), 5),
+    (LATENT, 2),
+    (encodings.HashGrid(levels=2, log2_size=4, base_resolution=2, growth=1.5), 3),
+    (encodings.Concatenate((encodings.Identity(), LATENT), ((0, 2), (1, 2))), 3),
+]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize(("encoding", "n_in"), ENCODINGS)
+def test_encodings_return(tmp_path, encoding, n_in, count):
+    data = network(NetworkSpec((encoding.n_out(n_in), 4, 1)), count, encoding=encoding, n_in=n_in)
+    write_network(tmp_path / "a.safetensors", data)
+    same(read_network(tmp_path / "a.safetensors"), data)
+
+
 @pytest.mark.parametrize(
     "options",
     [
         {"depth": 0, "output_activation": activations.exponential},
         {"count": 3, "dtype": wp.float16, "accumulation": "float16", "activation": activations.leaky_relu},
         {"precision": "int8", "count": 2},
+        {"encoding": encodings.Concatenate((encodings.Identity(), LATENT), ((2,), (0, 1))), "count": 3},
     ],
 )
 def test_an_mlp_returns_with_the_buffers_that_kernels_read(tmp_path, device, options):
@@ -71,14 +95,14 @@ def test_an_mlp_returns_with_the_buffers_that_kernels_read(tmp_path, device, opt
     path = tmp_path / "net.safetensors"
     save_network(net, path)
     loaded = load_network(path, device=device)
-    assert (loaded.spec, loaded.count, loaded.device) == (net.spec, net.count, net.device)
+    assert (loaded.spec, loaded.count, loaded.encoding) == (net.spec, net.count, net.encoding)
     for name in ("master", "packed", "steps"):
         assert (getattr(loaded, name).numpy() == getattr(net, name).numpy()).all(), name
 
 
 def test_an_mlp_has_hidden_layers_of_one_width(tmp_path):
     data = network(NetworkSpec((2, 3, 4, 1)))
-    with pytest.raises(InputError, match=r"a.safetensors: hidden layers of sizes \[3, 4\]; an MLP has one width"):
+    with pytest.raises(InputError, match=r"a.safetensors: hidden layers of sizes \(3, 4\); an MLP has one width"):
         make_network(tmp_path / "a.safetensors", data)
 
 
@@ -86,6 +110,9 @@ def test_what_cannot_be_kept_is_not_written(tmp_path):
     own = dataclasses.replace(activations.relu, name="mine", value="z")
     with pytest.raises(InputError, match="activation 'mine' is your own"):
         write_network(tmp_path / "a", network(NetworkSpec((2, 1), output_activation=own)))
+    data = network(NetworkSpec((10, 1)), encoding=encodings.Frequency(octaves=True), n_in=5)
+    with pytest.raises(InputError, match=r"Frequency.octaves is not of type int; files hold those of wn.encodings"):
+        write_network(tmp_path / "a", data)
     data = network(NetworkSpec((2, 1)))
     data.biases[0][:] = np.nan
     with pytest.raises(InputError, match="NaN or infinite"):
@@ -111,6 +138,7 @@ REFUSED = {
     "count": ({"count": 10**12}, {}, r"tensor 'weights.0' is float32 \[3, 2\], not float32 \[1000000000000, 3, 2\]"),
     "int8": ({"precision": "int8"}, {}, "tensor 'steps' is missing"),
     "extra": ({"extra": []}, {}, r"extra '\[\]' is not of type dict"),
+    "n_in": ({"n_in": 3}, {}, r"n_in 3 does not fit the sizes \(2, 3, 1\)"),
     "missing": ({}, {"biases.1": None}, "tensor 'biases.1' is missing"),
     "shape": (
         {},
@@ -136,14 +164,62 @@ def test_files_that_contradict_themselves_are_refused_by_field(tmp_path, case):
     assert str(error.value).startswith(f"{path}: ") and "\n" not in str(error.value)
 
 
+LATENT_FILE = {"name": "LatentTexture", "width": 3, "height": 2, "channels": 2, "wrap": False, "initial": [0.0, 1.0]}
+REFUSED_ENCODINGS = {
+    "no object": ([], "no JSON object"),
+    "name": ({"name": "os.system"}, "'os.system' is not one of Concatenate, Frequency"),
+    "base": ({"name": "Encoding"}, "'Encoding' is not one of"),
+    "fields": ({"name": "Frequency", "octaves": 1}, "Frequency has the fields octaves, lowest, not octaves"),
+    "text": (LATENT_FILE | {"channels": "1; }"}, "LatentTexture.channels is not of type int"),
+    "fraction": (LATENT_FILE | {"width": 2.0}, "LatentTexture.width is not of type int"),
+    "flag": (LATENT_FILE | {"wrap": 1}, "LatentTexture.wrap is not of type bool"),
+    "range": (LATENT_FILE | {"initial": [0.0]}, "LatentTexture.initial is not of type tuple"),
+    "value": (LATENT_FILE | {"width": 0}, r"LatentTexture\(width=0\): at least 1"),
+    "inputs": ({"name": "SphericalHarmonics", "degree": 2}, "SphericalHarmonics: 2 inputs"),
+    "outputs": (LATENT_FILE | {"channels": 3}, "3 float32 results of 2 inputs do not fit"),
+    "absurd": (
+        LATENT_FILE | {"width": 2**60},
+        r"tensor 'encoding' is float32 \[12\], not float32 \[4611686018427387904\]",
+    ),
+    "growth": (
+        {"name": "HashGrid", "levels": 2**40, "features": 1, "log2_size": 4, "base_resolution": 2, "growth": 2.0}
+        | {"initial": [0.0, 1.0]},
+        "encoding: HashGrid: ",
+    ),
+    "levels": (
+        {"name": "HashGrid", "levels": 2**40, "features": 1, "log2_size": 4, "base_resolution": 2, "growth": 1.0}
+        | {"initial": [0.0, 1.0]},
+        "1099511627776 float32 results of 2 inputs do not fit",
+    ),
+}
+
+
+bomb = {"name": "none"}
+for _ in range(300):
+    bomb = {"name": "Concatenate", "parts": [bomb], "inputs": None}
+REFUSED_ENCODINGS["bomb"] = (bomb, "encoding: ")
+
+
+@pytest.mark.parametrize("case", REFUSED_ENCODINGS)
+def test_encodings_that_are_none_are_refused_by_field(tmp_path, case):
+    description, message = REFUSED_ENCODINGS[case]
+    path = tmp_path / "a.safetensors"
+    write_network(path, network(NetworkSpec((2, 1)), encoding=LATENT, n_in=2))
+    tensors, metadata = load_tensors(path)
+    save_tensors(path, tensors, metadata | {"encoding": description})
+    with pytest.raises(InputError, match=message):
+        read_network(path)
+
+
 @quiet
 @given(st.data())
 def test_any_json_in_place_of_a_field_is_a_network_or_an_input_error(tmp_path, data):
     path = tmp_path / "a.safetensors"
-    write_network(path, network(NetworkSpec((2, 3, 1))))
+    write_network(path, network(NetworkSpec((2, 3, 1)), encoding=LATENT, n_in=2))
     tensors, metadata = load_tensors(path)
     value = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.lists(st.integers(-1, 300))
-    metadata[data.draw(st.sampled_from(sorted(metadata)))] = data.draw(value | st.dictionaries(st.text(), value))
+    place = data.draw(st.sampled_from([metadata, metadata["encoding"]]))
+    place[data.draw(st.sampled_from(sorted(place)))] = data.draw(value | st.dictionaries(st.text(), value))
     save_tensors(path, tensors, metadata)
     check(path, path.stat().st_size)
 
@@ -152,7 +228,7 @@ def test_any_json_in_place_of_a_field_is_a_network_or_an_input_error(tmp_path, d
 @given(st.lists(st.tuples(st.integers(min_value=0), st.integers(0, 255)), min_size=1, max_size=4))
 def test_damaged_bytes_are_a_network_or_an_input_error(tmp_path, changes):
     path = tmp_path / "a.safetensors"
-    write_network(path, network(NetworkSpec((2, 3, 1))))
+    write_network(path, network(NetworkSpec((2, 3, 1)), encoding=LATENT, n_in=2))
     content = bytearray(path.read_bytes())
     for place, value in changes:
         content[place % len(content)] = value
