@@ -67,11 +67,9 @@ def expected(encoding: Encoding, x: np.ndarray, parameters: np.ndarray, dy: np.n
 
 def derivative(encoding: Encoding, x: np.ndarray, parameters: np.ndarray, dy: np.ndarray, step=1e-6) -> np.ndarray:
     """Of sum(dy * y) in x, by central differences."""
-    columns = []
-    for shift in np.eye(x.shape[1]) * step:
-        difference = expected(encoding, x + shift, parameters) - expected(encoding, x - shift, parameters)
-        columns.append((difference * dy).sum(axis=1) / (2 * step))
-    return np.stack(columns, axis=1)
+    shifts = np.eye(x.shape[1]) * step
+    differences = [expected(encoding, x + s, parameters) - expected(encoding, x - s, parameters) for s in shifts]
+    return np.stack([(d * dy).sum(axis=1) / (2 * step) for d in differences], axis=1)
 
 
 @cache
@@ -151,7 +149,7 @@ def test_values_and_gradients(encoding, n_in, device):
 
 @pytest.mark.parametrize("lowest", [1.0, 2.0])
 def test_frequency_far_from_zero(lowest, device):
-    """The angle is reduced before it is rounded: a thousand periods out the error is still of order 1e-6."""
+    """The angle is reduced before pi enters: a thousand periods out, its rounding has not grown."""
     x = np.random.default_rng(0).uniform(-1000, 1000, (200, 2)).astype(np.float32)
     encoding = Frequency(4, lowest)
     y = Run(encoding, x, device).y
@@ -214,8 +212,6 @@ def test_harmonics_are_orthonormal(device):
 def test_concatenation_of_initial_ranges():
     assert Concatenate((Frequency(), LatentTexture(2, 2))).initial == (0.0, 1.0)
     assert Concatenate((HashGrid(), LatentTexture(2, 2, initial=(-1e-4, 1e-4)))).initial == (-1e-4, 1e-4)
-    with pytest.raises(ValueError, match="initial"):
-        Concatenate((HashGrid(), LatentTexture(2, 2)))
 
 
 @pytest.mark.parametrize(("encoding", "n_in"), [CASES[i] for i in (2, 4, 5, 7, 12, 15)], ids=lambda v: type(v).__name__)
@@ -243,6 +239,7 @@ def test_compiles_for_cuda(encoding, n_in, arch, tmp_path):
         (lambda: HashGrid(levels=40), "levels"),
         (lambda: HashGrid().make(5), "5 inputs"),
         (lambda: Concatenate(()), "at least one"),
+        (lambda: Concatenate((HashGrid(), LatentTexture(2, 2))), "initial"),
         (lambda: Concatenate((Identity(),), ((0,), (1,))), "one a part"),
         (lambda: Concatenate((Identity(),), ((3,),)).make(2), "of 2"),
     ],
