@@ -121,7 +121,7 @@ def test_what_cannot_be_kept_is_not_written(tmp_path):
 
 
 REFUSED = {
-    "other format": ({"format": "checkpoint"}, {}, "format 'checkpoint' is not one of network"),
+    "other format": ({"format": "checkpoint"}, {}, "format 'checkpoint', not a network; see it with warp-neural info"),
     "version": ({"version": 2}, {}, "version '2' is not one of 1"),
     "newer": ({"skip": True}, {}, "unknown metadata 'skip'; read it with a newer"),
     "sizes": ({"sizes": [2, "3", 1]}, {}, "sizes .* are not integers"),

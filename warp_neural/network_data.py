@@ -87,7 +87,10 @@ def read_network(path: Path | str) -> NetworkData:
 def parse_network(path: Path | str, tensors: dict[str, np.ndarray], metadata: dict) -> NetworkData:
     """The same of a file's content."""
     left = dict(metadata)
-    _take(path, left, "format", str, [_FORMAT])
+    if left.pop("format", None) != _FORMAT:
+        raise InputError(
+            f"{path}: format {short(metadata.get('format'))!r}, not a network; see it with warp-neural info"
+        )
     _take(path, left, "version", int, [_VERSION])
     spec = _spec(path, left)
     count, extra = _take(path, left, "count", int), _take(path, left, "extra", dict)

@@ -27,7 +27,7 @@ from warp_neural.errors import InputError
 from warp_neural.files import atomic_path
 
 _HEADER = struct.Struct("<I4I2i4x" + 8 * "2I2Q2I" + "i4xQ")
-_MAGIC = 0xA1C0DE01
+MAGIC = 0xA1C0DE01
 _MAX_LAYERS = 8
 _ALIGNMENT = 64
 _DTYPES = (np.dtype("<f2"), np.dtype("<f4"))
@@ -70,9 +70,9 @@ def read_binary(path: Path | str) -> RtxnsNetwork:
     path = Path(path)
     data = read_bytes(path)
     magic = int.from_bytes(data[:4], "little")
-    if magic >> 8 != _MAGIC >> 8:
-        raise InputError(f"{path}: begins with 0x{magic:08X}, not 0x{_MAGIC:08X}; it is no binary network of RTXNS")
-    if magic != _MAGIC:
+    if magic >> 8 != MAGIC >> 8:
+        raise InputError(f"{path}: begins with 0x{magic:08X}, not 0x{MAGIC:08X}; it is no binary network of RTXNS")
+    if magic != MAGIC:
         raise InputError(f"{path}: version {magic & 255}, only 1 is known; write it with RTXNS's version 1")
     if len(data) < _HEADER.size:
         raise refusal(path, "header", f"cut short at {len(data)} of {_HEADER.size} bytes")
@@ -121,7 +121,7 @@ def write_binary(
     code = _DTYPES.index(dtype)
     # Without hidden layers RTXNS still wants a positive number of hidden neurons: the outputs.
     header = _HEADER.pack(
-        _MAGIC, len(sizes) - 2, sizes[0], sizes[1], sizes[-1], code, code, *records, int(column_major), len(data)
+        MAGIC, len(sizes) - 2, sizes[0], sizes[1], sizes[-1], code, code, *records, int(column_major), len(data)
     )
     with atomic_path(path) as temporary:
         temporary.write_bytes(header + data)
