@@ -10,8 +10,23 @@ if not getattr(kernels, "__warp_neural__", False):
 
 from kernels import activations, encodings, losses, sampling_2d
 from warp_neural import coopvec
+from warp_neural.convert import load_rtxns, save_rtxns
 from warp_neural.density import Density
 from warp_neural.errors import InputError
 from warp_neural.network import MLP
+from warp_neural.network_file import load_network, save_network
 
-__all__ = ["MLP", "Density", "InputError", "activations", "coopvec", "encodings", "losses", "sampling_2d"]
+__all__ = [
+    "MLP",
+    "Density",
+    "InputError",
+    "activations",
+    "coopvec",
+    "encodings",
+    "load_network",
+    "load_rtxns",
+    "losses",
+    "sampling_2d",
+    "save_network",
+    "save_rtxns",
+]
