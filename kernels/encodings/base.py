@@ -44,6 +44,9 @@ auto add4 = [](real* a, real x, real y, real z, real w) { a[0] += x; a[1] += y; 
 """
 
 
+ENTER_ADJOINT = f"real* const grad = params.master.grad ? params.master.grad + start : nullptr;\n{ADD}"
+
+
 @dataclass(frozen=True)
 class Encoding:
     """A function of n_in inputs with n_out results, for the front of a network; some have trainable parameters.
@@ -94,12 +97,12 @@ def make_encode(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.F
     """`Encoding.make`."""
     n_out, aligned = encoding.n_out(n_in), gcd(offset, stride, 4)
     vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(n_out, float)
-    prelude = f"{enter(offset, stride)}"
+    forward = f"wp::vec_t<{n_out}, real> y;\nreal* const out = y.c;\n{encoding.forward(n_in, aligned)}return y;\n"
+    pointers = "const real* const d_out = adj_ret.c;\nreal* const d_in = adj_x.c;\n"
 
     @wp.func_native(
-        f"{prelude}wp::vec_t<{n_out}, real> y;\nreal* const out = y.c;\n{encoding.forward(n_in, aligned)}return y;\n",
-        adj_snippet=f"{prelude}{enter_adjoint(offset, stride)}"
-        f"const real* const d_out = adj_ret.c;\nreal* const d_in = adj_x.c;\n{encoding.adjoint(n_in, aligned)}",
+        enter(offset, stride) + forward,
+        adj_snippet=enter(offset, stride) + ENTER_ADJOINT + pointers + encoding.adjoint(n_in, aligned),
     )
     def encode(params: Parameters, x: vec_in) -> vec_out: ...
 
@@ -111,11 +114,9 @@ def make_encode_adjoint(encoding: Encoding, n_in: int, offset: int, stride: int)
     """`Encoding.make_adjoint`."""
     vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(encoding.n_out(n_in), float)
 
-    @wp.func_native(
-        f"{enter(offset, stride)}{enter_adjoint(offset, stride)}"
-        f"const real* const d_out = dy.c;\nreal unused[{n_in}] = {{}};\nreal* const d_in = unused;\n"
-        f"{encoding.adjoint(n_in, gcd(offset, stride, 4))}"
-    )
+    pointers = f"const real* const d_out = dy.c;\nreal unused[{n_in}] = {{}};\nreal* const d_in = unused;\n"
+
+    @wp.func_native(enter(offset, stride) + ENTER_ADJOINT + pointers + encoding.adjoint(n_in, gcd(offset, stride, 4)))
     def encode_adjoint(params: Parameters, x: vec_in, dy: vec_out): ...
 
     return encode_adjoint
@@ -127,11 +128,6 @@ const wp::int64 start = {offset} + wp::int64(params.network) * {stride};
 const real* const in = x.c;
 const real* const p = params.master.data + start;
 """
-
-
-def enter_adjoint(offset: int, stride: int) -> str:
-    return f"""real* const grad = params.master.grad ? params.master.grad + start : nullptr;
-{ADD}"""
 
 
 def read_entry(count: int, aligned: int, place: str) -> str:

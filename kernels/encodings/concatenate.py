@@ -44,39 +44,28 @@ class Concatenate(Encoding):
         return list(zip(self.parts, self.inputs or [tuple(range(n_in))] * len(self.parts), strict=True))
 
     def forward(self, n_in: int, aligned: int) -> str:
-        return self.for_each_part(
-            n_in, aligned, "forward", "real* const own_out = out + {first};", "real* const out = own_out;"
-        )
+        return self.for_each_part(n_in, aligned, "forward", {"out": "out + {first}"})
 
     def adjoint(self, n_in: int, aligned: int) -> str:
-        own = """real* const own_grad = grad ? grad + {start} : nullptr;
-const real* const own_d_out = d_out + {first};
-real own_d_in[{n}] = {{}};"""
-        return self.for_each_part(
-            n_in,
-            aligned,
-            "adjoint",
-            own,
-            "real* const grad = own_grad;\nconst real* const d_out = own_d_out;\nreal* const d_in = own_d_in;",
-        )
+        own = {"d_in": "part_d_in", "d_out": "d_out + {first}", "grad": "grad ? grad + {start} : nullptr"}
+        return self.for_each_part(n_in, aligned, "adjoint", own)
 
-    def for_each_part(self, n_in: int, aligned: int, method: str, own: str, enter: str) -> str:
+    def for_each_part(self, n_in: int, aligned: int, method: str, own: dict[str, str]) -> str:
         """The parts' texts, each in a scope where the names of `base` mean the part's own share."""
+        own = {"in": "part_in", "p": "p + {start}", **own}
         text, first, start = "", 0, 0
         for part, indices in self.reads(n_in):
             n = len(indices)
             text += f"""{{
-const real own_in[{n}] = {{{", ".join(f"in[{i}]" for i in indices)}}};
-const real* const own_p = p + {start};
-{own.format(first=first, start=start, n=n)}
+const real part_in[{n}] = {{{", ".join(f"in[{i}]" for i in indices)}}};
+real part_d_in[{n}] = {{}};
+{"".join(f"auto* const own_{name} = {v.format(first=first, start=start)};" for name, v in own.items())}
 {{
-const real* const in = own_in;
-const real* const p = own_p;
-{enter}
+{"".join(f"auto* const {name} = own_{name};" for name in own)}
 {getattr(part, method)(n, gcd(aligned, start))}}}
 """
             if method == "adjoint":
-                text += "".join(f"d_in[{i}] += own_d_in[{k}];\n" for k, i in enumerate(indices))
+                text += "".join(f"d_in[{i}] += part_d_in[{k}];\n" for k, i in enumerate(indices))
             text += "}\n"
             first, start = first + part.n_out(n), start + part.n_parameters(n)
         return text
