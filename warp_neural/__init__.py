@@ -9,7 +9,7 @@ if not getattr(kernels, "__warp_neural__", False):
     )
 
 from kernels import activations, encodings, losses, sampling_2d
-from warp_neural import coopvec
+from warp_neural import autodiff, coopvec
 from warp_neural.convert import load_rtxns, save_rtxns
 from warp_neural.density import Density
 from warp_neural.errors import InputError
@@ -21,6 +21,7 @@ __all__ = [
     "Density",
     "InputError",
     "activations",
+    "autodiff",
     "coopvec",
     "encodings",
     "load_network",
