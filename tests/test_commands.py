@@ -1,7 +1,9 @@
 """The command `warp-neural`: what it says of each file, conversions there and back, one line for bad input."""
 
+import errno
 import importlib
 import json
+import os
 import tomllib
 from pathlib import Path
 
@@ -195,3 +197,19 @@ def test_forms_are_told_apart_by_content(tmp_path, content, form):
     else:
         with pytest.raises(InputError, match="neither safetensors nor"):
             Form.of_file(tmp_path / "a")
+
+
+@pytest.mark.parametrize("name", ["a.safetensors", "a.bin", "a.json"])
+def test_a_full_disk_leaves_the_old_file(folder, capfd, monkeypatch, name):
+    Path(name).write_text("old")
+
+    def write(self, data):
+        with open(self, "wb") as file:
+            file.write(data[: len(data) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", write)
+    assert refused(capfd, "convert", "net.safetensors", name) == (
+        f"error: {name}: could not be written (No space left on device); nothing was changed\n"
+    )
+    assert Path(name).read_text() == "old" and {path.name for path in folder.iterdir()} == {"net.safetensors", name}
