@@ -71,25 +71,38 @@ def rounded(x, format):
     return x.astype(FORMATS[format]).astype(np.float32)
 
 
+MAGIC = np.float32(1.5 * 2**23)
+
+
 def mlp_rounded(weights, biases, activations, x, format, accumulation="float32", steps=None):
-    """The network as tensor cores compute it: rounded weights and vectors, sums in float32 in the order of the inputs.
+    """The ReLU network as tensor cores compute it: rounded weights and vectors, float32 sums in the order of the inputs.
 
     With float16 accumulation, sums are rounded after each block of 16 (float16) or 32 products (8 bits). steps
     `[layers, 2]`: of the inputs and of the weights, for int8.
     """
     half = accumulation == "float16"
     block = 32 if format in ("e4m3", "e5m2") else 16
-    h = np.asarray(x, np.float32)
+    h, shares = np.asarray(x, np.float32), False
     for layer, (w, b, f) in enumerate(zip(weights, biases, activations, strict=True)):
         step_in, step = np.float32(steps[layer]) if format == "int8" else np.ones(2, np.float32)
-        h, w = rounded(h * (1 / step_in), format), rounded(w / step, format)
-        total = np.tile(np.float32(0 if format == "int8" else b), (len(h), 1)) * np.ones(len(b), np.float32)
+        h, w = rounded(h * (127 if shares else 1 / step_in), format), rounded(w / step, format)
+        late = half and format == "float16" and layer < len(weights) - 1  # the bias is added at the end
+        total = np.tile(np.float32(0 if format == "int8" or late else b), (len(h), 1)) * np.ones(len(b), np.float32)
         total = rounded(total, "float16") if half else total
         for k in range(len(w.T)):  # one fused multiply-add: exact product, one rounding
             total = (h[:, k, None].astype(np.float64) * w[:, k] + total).astype(np.float32)
             if half and (k % block == block - 1 or k == len(w.T) - 1):
                 total = rounded(total, "float16")
-        if format == "int8":
+        if late:
+            total = rounded(total + rounded(b, "float16"), "float16")
+        shares = format == "int8" and layer < len(weights) - 1
+        if shares:  # of the next layer's largest input, for ReLU; the bias is rounded on the way
+            largest = 1 / (np.float32(127) * np.float32(steps[layer + 1][0]))
+            share = ((step_in * step * largest).view(np.uint32) & 0xFFFFFFFC).view(np.float32)
+            b = (np.float32(b) * largest - MAGIC * share).astype(np.float64)
+            total = ((total + MAGIC).astype(np.float64) * share + b).astype(np.float32)
+            total = np.minimum(total, 1)
+        elif format == "int8":
             total = (total.astype(np.float64) * (step_in * step) + b).astype(np.float32)
         h = f(total).astype(np.float32)
     return rounded(h, "float16") if half else h

@@ -30,8 +30,10 @@ def make_flow_kernel(net, block):
 @pytest.mark.parametrize(
     "precision, accumulation", [("float16", "float16"), ("bfloat16", "float32"), ("tf32", "float32")]
 )
-@pytest.mark.parametrize("block", [32, 256, 1024])
+@pytest.mark.parametrize("block", [32, 96, 256, 544, 1024])
 def test_interleaved_networks(precision, accumulation, block, device):
+    if device.is_cpu and block != 256:
+        pytest.skip("blocks are CUDA's")
     kind = {"precision": precision, "accumulation": accumulation, "activation": activations.silu}
     net = random_biases(MLP(20, 5, 33, 2, **kind, count=32, device=device))
     kernel, n = make_flow_kernel(net, block), 2 * block + 77
@@ -65,6 +67,15 @@ def test_gradients_reach_far_below_float16(device):
     x, dy = samples(96, 17), 1e-9 * samples(96, 5, seed=1)
     for a, b in zip(flat(evaluate(net, x, dy))[1:], flat(expected(net, x, dy))[1:], strict=True):
         assert error(a, b) <= 2 * bound(net)
+
+
+def test_int8_is_the_same_in_any_company(device):
+    """Sums are whole numbers: alone, in a whole warp, among other networks, each sample has the same result."""
+    net = random_biases(MLP(20, 5, 33, 2, precision="int8", count=3, device=device))
+    x, n = samples(77, 20), np.arange(77)
+    each = [evaluate(net, x, index=0 * n + i).y for i in range(3)]
+    np.testing.assert_array_equal(evaluate(net, x, index=n % 3).y, np.choose(n[:, None] % 3, each))
+    np.testing.assert_array_equal(evaluate(net, x[:31]).y, each[0][:31])
 
 
 def test_int8_relu_gradients(device):

@@ -9,7 +9,7 @@ import warp as wp
 import warp.autograd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from networks import BLOCK, bound, error, evaluate, expected, flat, make_kernel, random_biases, samples
+from networks import BLOCK, ROUNDING, bound, error, evaluate, expected, flat, make_kernel, random_biases, samples
 
 from kernels import activations
 from warp_neural import MLP
@@ -74,6 +74,23 @@ def test_rounds_where_tensor_cores_do(precision, accumulation, device):
         np.testing.assert_array_equal(y, rounded)
     else:
         assert error(y, rounded) <= bound(net) / 4
+
+
+@pytest.mark.cuda
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device on this machine")
+@pytest.mark.parametrize("sizes", [(20, 5, 33, 2), (64, 16, 64, 3), (5, 40, 7, 0)])
+@pytest.mark.parametrize("precision", [p for p, accumulation in PRECISIONS if accumulation == "float32"])
+def test_cuda_gives_what_the_cpu_gives(precision, sizes):
+    """Float32 accumulation: within two units in the last place of the precision, at each vector's largest element."""
+    n_in, n_out, width, depth = sizes
+    nets = [random_biases(MLP(n_in, n_out, width, depth, precision=precision, device=d)) for d in ("cpu", "cuda:0")]
+    cpu, cuda = [evaluate(net, samples(N + 7, n_in)).y for net in nets]
+    largest = np.abs(cpu).max(axis=1, keepdims=True)
+    if precision == "int8":
+        unit = largest / 127
+    else:
+        unit = 2.0 ** np.floor(np.log2(largest)) * 2 * ROUNDING.get(precision, 2**-24)
+    assert np.all(np.abs(cuda - cpu) <= 2 * unit)
 
 
 @all_precisions

@@ -5,7 +5,7 @@ in order, one fused multiply-add each, so that CUDA's per-thread arithmetic give
 """
 
 from kernels.activations import relu
-from kernels.coopvec.layout import LayerLayout, network_layout
+from kernels.coopvec.layout import MAGIC, LayerLayout, bias_joins_relu, network_layout
 from kernels.coopvec.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32, NetworkSpec, round_up
 
 LANES = 16  # of one vector; the compiler splits it where registers are shorter
@@ -98,12 +98,17 @@ def prelude(spec: NetworkSpec) -> str:
     """Helpers, the network's parameters, and the rounded input vector `h0`."""
     n_in = spec.sizes[0]
     layers, words = network_layout(spec, False)
+    first = "rounded(load(h0 + k))"
+    if spec.format is INT8:  # clamped as a share of the range from -127 to 127 steps, as on tensor cores
+        share = f"fma(load(h0 + k), v16(mine[{layers[0].scales}] * (1.0f / 254.0f)), v16(0.5f))"
+        share = f"__builtin_elementwise_min(v16(1.0f), __builtin_elementwise_max(v16(0.0f), {share}))"
+        first = f"fma({share}, v16(254.0f), v16({MAGIC - 127}f)) - {MAGIC}f"
     return f"""{PRELUDE}
 const auto rounded = [&](v16 z) {{ {ROUND[spec.format]} }};
 const real* mine = reinterpret_cast<const real*>(params.packed.data) + wp::int64(params.network) * {words};
 alignas(64) real h0[{round_up(n_in, LANES)}] = {{}};
 for (int k = 0; k < {n_in}; ++k) h0[k] = static_cast<real>(x.c[k]);
-for (int k = 0; k < {n_in}; k += {LANES}) store(h0 + k, rounded(load(h0 + k){input_scale(spec, layers[0])}));
+for (int k = 0; k < {n_in}; k += {LANES}) store(h0 + k, {first});
 """
 
 
@@ -135,11 +140,12 @@ def layer_text(spec: NetworkSpec, index: int, keep: bool) -> str:
 
 def sums(spec: NetworkSpec, layer: LayerLayout, index: int, n: int, vectors: range) -> str:
     """Pre-activations of the neurons from n on, in the vectors `a0`, `a1`, ..."""
-    is_int8, is_half = spec.format is INT8, spec.accumulation == "float16"
+    is_int8, is_half, is_last = spec.format is INT8, spec.accumulation == "float16", index == len(spec.layers) - 1
+    late = bias_joins_relu(spec, is_last)
     text = f"const real* w = mine + {layer.weights + n};\nconst real* b = mine + {layer.bias + n};\n"
     for i in vectors:
         bias = f"load(b + {i * LANES})"
-        text += f"v16 a{i} = {'v16(0.0f)' if is_int8 else f'half({bias})' if is_half else bias};\n"
+        text += f"v16 a{i} = {'v16(0.0f)' if is_int8 or late else f'half({bias})' if is_half else bias};\n"
     products = f"const v16 v = v16(h{index}[k]);\n"
     products += "".join(f"a{i} = fma(v, load(w + k * {layer.n_pad} + {i * LANES}), a{i});\n" for i in vectors)
     if is_half:
@@ -149,7 +155,12 @@ def sums(spec: NetworkSpec, layer: LayerLayout, index: int, n: int, vectors: ran
         text += f"for (int k = block; k < wp::min(block + {step}, {layer.k}); ++k) {{\n{products}}}\n{rounding}}}\n"
     else:
         text += f"for (int k = 0; k < {layer.k}; ++k) {{\n{products}}}\n"
-    if is_int8:
+    if late:
+        text += "".join(f"a{i} = half(a{i} + half(load(b + {i * LANES})));\n" for i in vectors)
+    if is_int8 and spec.activation is relu and not is_last:
+        scale, shares = f"v16(mine[{layer.scales + 3}])", f"b + {layer.shares - layer.bias}"
+        text += "".join(f"a{i} = fma(a{i} + {MAGIC}f, {scale}, load({shares} + {i * LANES}));\n" for i in vectors)
+    elif is_int8:
         scale = f"v16(mine[{layer.scales + 1}])"
         text += "".join(f"a{i} = fma(a{i}, {scale}, load(b + {i * LANES}));\n" for i in vectors)
     return text
@@ -161,8 +172,8 @@ def result(spec: NetworkSpec, index: int, a: str) -> str:
     if index < len(layers) - 1:
         if spec.format is INT8 and spec.activation is relu:
             # as the tensor-core path does: clamp to [0, 1], then round 127 times that by adding 1.5 * 2^23
-            share = f"__builtin_elementwise_min(v16(1.0f), {a} * mine[{layers[index].scales + 2}])"
-            return f"fma({share}, v16(127.0f), v16(12582912.0f)) - 12582912.0f"
+            share = f"__builtin_elementwise_min(v16(1.0f), {a})"
+            return f"fma({share}, v16(127.0f), v16({MAGIC}f)) - {MAGIC}f"
         return f"rounded({a}{input_scale(spec, layers[index + 1])})"
     return f"half({a})" if spec.accumulation == "float16" else a
 

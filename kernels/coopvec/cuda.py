@@ -9,6 +9,7 @@ from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec import cuda_adjoint, cuda_scalar
 from kernels.coopvec.fragments import (
     ROWS,
+    bias_words,
     enter,
     group_of,
     load_weights,
@@ -19,7 +20,7 @@ from kernels.coopvec.fragments import (
     unrolled,
     write_rows,
 )
-from kernels.coopvec.layout import LayerLayout, network_layout
+from kernels.coopvec.layout import LayerLayout, bias_joins_relu, network_layout
 from kernels.coopvec.primitives import accumulator, packs_halves
 from kernels.coopvec.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, TF32, NetworkSpec
 
@@ -94,8 +95,16 @@ def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: boo
     tiles = layer.n_pad // 8
     group = group_of(tiles)
     kind, registers = accumulator(spec)
-    multiply = masked_products if masked else products
     finish = to_output(spec) if is_last else to_next(spec, layer)
+    if masked:
+        multiply = masked_products(spec, layer, group)
+    elif bias_joins_relu(spec, is_last):
+        multiply = products(spec, layer, group, "c[0] = c[1] = 0u;")
+        finish = f"""unsigned c[2];
+{bias_words(spec, layer, "j0 + j", "base")}
+next[m][(j0 + j) / 2][(j0 + j) % 2 * 2 + h] = half_add_relu(d[m][j][h], c[h]);"""
+    else:
+        multiply = products(spec, layer, group, start_tile(spec, layer))
     blocks = 0 if is_last else layer.n_pad // spec.format.k_step
     declare = "" if is_last else f"unsigned next[2][{blocks}][4];"
     copy = "" if is_last else "a[m][b][r] = next[m][b][r];"
@@ -104,7 +113,7 @@ def layer_text(spec: NetworkSpec, layer: LayerLayout, is_last: bool, masked: boo
     return f"""{{ {declare}
 {loop} j0 < {tiles}; j0 += {group}) {{
 {kind} d[2][{group}][{registers}];
-{multiply(spec, layer, group)}
+{multiply}
 {pre_activation(spec, layer)}
 for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) for (int h = 0; h < 2; ++h) {{ {finish} }}
 }}
@@ -113,8 +122,8 @@ for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r
 """
 
 
-def products(spec: NetworkSpec, layer: LayerLayout, group: int) -> str:
-    """`d[m][j]` for `group` tiles from `j0` on: one matrix for the whole warp."""
+def products(spec: NetworkSpec, layer: LayerLayout, group: int, start: str) -> str:
+    """`d[m][j]` for `group` tiles from `j0` on: one matrix for the whole warp. start: sets `c`, the value before."""
     kind, registers = accumulator(spec)
     blocks = layer.k_blocks(spec.format)
     return f"""for (int p = 0; p < {layer.k_pairs(spec.format)}; ++p) {{
@@ -125,7 +134,7 @@ const unsigned b0 = b ? q[j].z : q[j].x, b1 = b ? q[j].w : q[j].y;
 for (int m = 0; m < 2; ++m) {{
     if (p + b == 0) {{
         {kind} c[{registers}];
-        {start_tile(spec, layer)}
+        {start}
         multiply(d[m][j], c, a[m][0], b0, b1);
     }} else multiply(d[m][j], d[m][j], a[m][2 * p + b], b0, b1);
 }} }} }}
@@ -148,12 +157,11 @@ def to_next(spec: NetworkSpec, layer: LayerLayout) -> str:
     if spec.accumulation == "float16" and spec.activation is relu:
         word = "pack_relu(d[m][j][h], d[m][j + 1][h])"
     else:
-        largest = f"__uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 2}))"  # 127 steps of the next layer
         function, z, scale = "pack", "hidden(z_value(m, j + {o}, h, {e}))", ""
         if format is INT8 and spec.activation is relu:
-            function, z, scale = "pack_share", "z_value(m, j + {o}, h, {e})", f" * {largest}"
+            function, z = "pack_share", "share_value(m, j + {o}, h, {e})"
         elif format is INT8:
-            scale = f" * ({largest} * 127.0f)"
+            scale = f" * (__uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 2})) * 127.0f)"
         word = f"{function}({', '.join(z.format(o=o, e=e) + scale for o in (0, 1) for e in (0, 1))})"
     return f"if (j % 2 == 0) next[m][(j0 + j) / 4][(j0 + j) / 2 % 2 * 2 + h] = {word};"
 

@@ -3,11 +3,13 @@
 The same packed parameters and the same rounding as on the tensor cores, one sample a thread.
 """
 
+from dataclasses import replace
+
 import warp as wp
 
 from kernels.activations import relu
 from kernels.coopvec.formats import DECODE, ENCODE
-from kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
+from kernels.coopvec.layout import MAGIC, LayerLayout, bias_is_half, bias_joins_relu, network_layout
 from kernels.coopvec.spec import C_TYPES, FLOAT32, INT8, NetworkSpec
 
 # atomicAdd takes generic addresses, for which the compiler also generates a loop over shared memory
@@ -83,14 +85,15 @@ def layer_input(spec: NetworkSpec, i: int, index: str = "k") -> str:
     layer = network_layout(spec, True)[0][i]
     raw = f"static_cast<real>(x.c[{index}])" if i == 0 else f"hidden(z{i - 1}[{index}])"
     if i > 0 and spec.format is INT8 and spec.activation is relu:  # the arithmetic of the tensor-core path
-        largest = network_layout(spec, True)[0][i - 1].scales + 2
-        share = f"fminf({raw} * __uint_as_float(__ldg(net + {largest})), 1.0f)"
-        return f"(fmaf({share}, 127.0f, 12582912.0f) - 12582912.0f)"
+        return f"(fmaf(fminf({raw}, 1.0f), 127.0f, {MAGIC}f) - {MAGIC}f)"
+    if i == 0 and spec.format is INT8:
+        scale = f"__uint_as_float(__ldg(net + {layer.scales})) * (1.0f / 254.0f)"
+        return f"(fmaf(__saturatef(fmaf({raw}, {scale}, 0.5f)), 254.0f, {MAGIC - 127}f) - {MAGIC}f)"
     return round_input(spec, layer, raw)
 
 
 def run_layers(spec: NetworkSpec) -> str:
-    """Pre-activations `z0`, `z1`, ... of every layer."""
+    """Pre-activations `z0`, `z1`, ... of every layer; INT8 before ReLU: in shares of the next layer's largest input."""
     layers, words = network_layout(spec, True)
     text = (
         conversions(spec)
@@ -101,9 +104,14 @@ const unsigned* net = params.packed.data + static_cast<size_t>(params.network) *
 """
     )
     for i, layer in enumerate(layers):
-        start = "0.0f" if spec.format is INT8 else load_bias(spec, layer)
-        finish = "acc"
-        if spec.format is INT8:
+        is_last = i == len(layers) - 1
+        late = bias_joins_relu(spec, is_last)
+        start = "0.0f" if spec.format is INT8 or late else load_bias(spec, layer)
+        finish = f"round_half(acc + {load_bias(spec, layer)})" if late else "acc"
+        if spec.format is INT8 and spec.activation is relu and not is_last:
+            share = f"__uint_as_float(__ldg(net + {layer.scales + 3}))"
+            finish = f"fmaf(acc + {MAGIC}f, {share}, {load_bias(spec, replace(layer, bias=layer.shares))})"
+        elif spec.format is INT8:
             finish = f"fmaf(acc, __uint_as_float(__ldg(net + {layer.scales + 1})), {load_bias(spec, layer)})"
         text += f"""real z{i}[{layer.n}];
 {{ real h[{layer.k_pad}];

@@ -9,9 +9,11 @@ Names in the text: `m` sample tile, `h` upper or lower half of a tile, `i = 2 m 
 `j` tile of 8 neurons, `b` K block, `q` a 16-byte load of weights.
 """
 
+from dataclasses import replace
+
 import warp as wp
 
-from kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
+from kernels.coopvec.layout import MAGIC, LayerLayout, bias_is_half, network_layout
 from kernels.coopvec.primitives import accumulator, prelude, stage
 from kernels.coopvec.spec import FLOAT16, INT8, TF32, NetworkSpec
 
@@ -63,13 +65,18 @@ def read_input(spec: NetworkSpec, layer: LayerLayout, scaled: bool = True) -> st
             else:
                 first = unit * (16 if format.bits == 8 else 8) + 2 * lane
                 ks = [first + offset for offset in (0, 1, 8, 9)[: format.per_word]]
-            scale = " * input_scale" if format is INT8 and scaled else ""
-            values = [f"static_cast<real>(x.c[{k}]){scale}" if k < n_in else "0.0f" for k in ks]
-            words.append(f"pack({', '.join(values)})" if ks[0] < n_in else "0u")
+            values = [f"static_cast<real>(x.c[{k}])" if k < n_in else "0.0f" for k in ks]
+            if format is INT8 and scaled:
+                values = [f"input_byte({value})" for value in values]
+            pack = "bytes_of" if format is INT8 and scaled else "pack"
+            words.append(f"{pack}({', '.join(values)})" if ks[0] < n_in else "0u")
             if format is FLOAT16 and spec.dtype is wp.float16 and ks[-1] < n_in:
                 words[-1] = f"x.c[{ks[0]}].u | static_cast<unsigned>(x.c[{ks[1]}].u) << 16"
         units.append(words)
-    scale = f"const real input_scale = __uint_as_float(__ldg(mine + {layer.scales}));\n"
+    scale = f"""const real input_scale = __uint_as_float(__ldg(mine + {layer.scales})) * (1.0f / 254.0f);
+auto input_byte = [&](real x) {{  // as a share of the range from -127 to 127 steps, where saturation is free
+    return __float_as_uint(fmaf(__saturatef(fmaf(x, input_scale, 0.5f)), 254.0f, {MAGIC - 127}f)); }};
+"""
     return (scale if format is INT8 and scaled else "") + read_rows(units, "a")
 
 
@@ -94,7 +101,16 @@ def start_tile(spec: NetworkSpec, layer: LayerLayout) -> str:
 
 def pre_activation(spec: NetworkSpec, layer: LayerLayout) -> str:
     """A lambda `z_value(m, j, h, e)`: one pre-activation as float32, neuron 8 (j0 + j) + 2 t + e of row (m, h)."""
+    more = ""
     if spec.format is INT8:
+        shares = bias_words(spec, replace(layer, bias=layer.shares), "j0 + j", "row[2 * m + h]")
+        more = f"""auto share_value = [&](int m, int j, int h, int e) -> real {{  // of the next layer's largest input
+real c[4], r;
+{shares}
+asm("fma.rn.sat.f32 %0,%1,%2,%3;" : "=f"(r) : "f"(__int_as_float(d[m][j][2 * h + e])),
+    "f"(__uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 3}))), "f"(c[2 * h + e]));
+return r; }};
+"""
         value = f"""
 real c[4];
 {bias_words(spec, layer, "j0 + j", "row[2 * m + h]")}
@@ -104,7 +120,7 @@ return fmaf(__int_as_float(d[m][j][2 * h + e]) - 12582912.0f, step, c[2 * h + e]
         value = "return e ? half_high(d[m][j][h]) : half_low(d[m][j][h]);"
     else:
         value = "return d[m][j][2 * h + e];"
-    return f"auto z_value = [&](int m, int j, int h, int e) -> real {{ {value} }};\n"
+    return f"{more}auto z_value = [&](int m, int j, int h, int e) -> real {{ {value} }};\n"
 
 
 def load_weights(spec: NetworkSpec, layer: LayerLayout, group: int) -> str:

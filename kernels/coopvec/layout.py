@@ -11,6 +11,7 @@ from functools import cache
 
 import warp as wp
 
+from kernels.activations import relu
 from kernels.coopvec.formats import make_decode, make_encode
 from kernels.coopvec.spec import FLOAT16, INT8, Format, NetworkSpec, round_up
 
@@ -19,8 +20,8 @@ from kernels.coopvec.spec import FLOAT16, INT8, Format, NetworkSpec, round_up
 class LayerLayout:
     """One layer in the packed buffer; offsets in 32-bit words from the network's start (`master` in floats).
 
-    k, n: inputs and outputs; k_pad, n_pad: as stored. scales (INT8): 1 / input step, input step * weight step, and
-    1 / the next layer's largest input (127 steps).
+    k, n: inputs and outputs; k_pad, n_pad: as stored. scales (INT8): 1 / input step, input step * weight step,
+    1 / the next layer's largest input (127 steps), and the product of the last two, `share`, to 22 bits.
     """
 
     k: int
@@ -32,6 +33,15 @@ class LayerLayout:
     scales: int
     master: int
 
+    @property
+    def shares(self) -> int:
+        """INT8: a second row of biases, in shares of the next layer's largest input, for ReLU's short cut.
+
+        Sums of products stand as MAGIC + sum in accumulators. MAGIC * share is exact, so that one multiply-add gives
+        share * sum + bias, the bias to about one step of the products.
+        """
+        return (self.bias + self.scales) // 2
+
     def k_blocks(self, format: Format) -> int:
         return self.k_pad // format.k_step
 
@@ -42,6 +52,14 @@ class LayerLayout:
 def bias_is_half(spec: NetworkSpec, cuda: bool) -> bool:
     """Float16 accumulators start from a float16 bias; every other bias is float32."""
     return cuda and spec.accumulation == "float16" and spec.format.k_step > 0
+
+
+def bias_joins_relu(spec: NetworkSpec, is_last: bool) -> bool:
+    """Float16 sums of hidden ReLU layers start from zero: adding the bias at the end is one instruction with ReLU.
+
+    To start from the bias, every product has it copied into new registers.
+    """
+    return not is_last and (spec.format, spec.accumulation, spec.activation) == (FLOAT16, "float16", relu)
 
 
 @cache
@@ -64,13 +82,14 @@ def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ..
             bias_words = n_pad
         else:
             bias_words = round_up(n_pad, 32) // 2 if bias_is_half(spec, cuda) else round_up(n_pad, 16)
-        scales = bias + bias_words
+        scales = bias + bias_words * (2 if format is INT8 else 1)
         layers.append(LayerLayout(k, n, k_pad, n_pad, word, bias, scales, master))
         word = scales + (4 if cuda else 16)
         master += n * k + n
     return tuple(layers), word
 
 
+MAGIC = 12582912.0  # 1.5 * 2^23, bits 0x4b400000: whole numbers below 2^22 added to it stand in its low bits
 LAYER_COLUMNS = 8  # of the table that the kernels below take: k, n, k_pad, n_pad, weights, bias, scales, master
 
 
@@ -142,6 +161,17 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
             return 0.0
         return master[base + n_out * n_in + n]
 
+    @wp.func
+    def largest_inverse(steps: wp.array3d[float], network: int, layer: int) -> float:
+        if layer + 1 == steps.shape[1]:
+            return 0.0
+        return 1.0 / (127.0 * steps[network, layer + 1, 0])
+
+    @wp.func
+    def share(steps: wp.array3d[float], network: int, layer: int) -> float:
+        exact = steps[network, layer, 0] * steps[network, layer, 1] * largest_inverse(steps, network, layer)
+        return wp.cast(wp.cast(exact, wp.uint32) & wp.uint32(0xFFFFFFFC), float)
+
     @wp.kernel(module="unique", enable_backward=False)
     def pack_kernel(
         layers: wp.array2d[int],
@@ -178,7 +208,15 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
                 result = wp.cast(decode(code), wp.uint32)
         elif word < layers[layer, 6]:
             local = word - layers[layer, 5]
-            if wp.static(half_bias):
+            biases = layers[layer, 6] - layers[layer, 5]
+            if wp.static(is_int8) and local >= biases / 2:
+                local -= biases / 2
+                n = local
+                if wp.static(fragments):
+                    n = bias_column(local)
+                z = bias(master, base, n, n_out, n_in) * largest_inverse(steps, network, layer)
+                result = wp.cast(z - wp.static(MAGIC) * share(steps, network, layer), wp.uint32)
+            elif wp.static(half_bias):
                 n = half_bias_column(local)
                 low = half_encode(bias(master, base, n, n_out, n_in))
                 result = low | (half_encode(bias(master, base, n + 1, n_out, n_in)) << wp.uint32(16))
@@ -191,8 +229,10 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
                 result = wp.cast(1.0 / steps[network, layer, 0], wp.uint32)
             elif word == layers[layer, 6] + 1:
                 result = wp.cast(steps[network, layer, 0] * step, wp.uint32)
-            elif word == layers[layer, 6] + 2 and layer + 1 < layers.shape[0]:
-                result = wp.cast(1.0 / (127.0 * steps[network, layer + 1, 0]), wp.uint32)
+            elif word == layers[layer, 6] + 2:
+                result = wp.cast(largest_inverse(steps, network, layer), wp.uint32)
+            elif word == layers[layer, 6] + 3:
+                result = wp.cast(share(steps, network, layer), wp.uint32)
         packed[network * words + word] = result
 
     return pack_kernel

@@ -100,6 +100,8 @@ auto half_max = [](unsigned a, unsigned b) { unsigned r;
     asm("max.f16x2 %0,%1,%2;" : "=r"(r) : "r"(a), "r"(b)); return r; };
 auto half_min = [](unsigned a, unsigned b) { unsigned r;
     asm("min.f16x2 %0,%1,%2;" : "=r"(r) : "r"(a), "r"(b)); return r; };
+auto half_add_relu = [](unsigned a, unsigned b) { unsigned r;
+    asm("fma.rn.relu.f16x2 %0,%1,%2,%3;" : "=r"(r) : "r"(a), "r"(0x3c003c00u), "r"(b)); return r; };
 auto half_leak = [&](unsigned a) { unsigned r;
     asm("mul.f16x2 %0,%1,%2;" : "=r"(r) : "r"(a), "r"(0x211f211fu)); return half_max(a, r); };  // 0.01
 """
@@ -127,7 +129,7 @@ auto bytes_of = [](unsigned a, unsigned b, unsigned c, unsigned d) {
     return __byte_perm(__byte_perm(a, b, 0x0040), __byte_perm(c, d, 0x0040), 0x5410); };
 auto clamped = [&](real x) { return byte_of(fminf(fmaxf(x, -127.0f), 127.0f)); };
 auto pack = [&](real a, real b, real c, real d) { return bytes_of(clamped(a), clamped(b), clamped(c), clamped(d)); };
-auto share = [&](real x) { return __float_as_uint(fmaf(__saturatef(x), 127.0f, 12582912.0f)); };
+auto share = [&](real x) { return __float_as_uint(fmaf(x, 127.0f, 12582912.0f)); };
 auto pack_share = [&](real a, real b, real c, real d) { return bytes_of(share(a), share(b), share(c), share(d)); };
 """,
 }
