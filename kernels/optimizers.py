@@ -19,46 +19,25 @@ def tick_kernel(rates: wp.array[float], beta1: float, beta2: float, step: wp.arr
 
 
 @wp.func
-def adam(
-    i: int,
-    g: float,
-    p: float,
-    rate: float,
-    corrections: wp.vec2,
-    settings: wp.vec4,
-    first: wp.array[float],
-    second: wp.array[float],
-) -> float:
-    """Parameter i after a step, from its value p and gradient g. settings: beta1, beta2, eps, weight decay.
+def adam(g: float, state: wp.vec3, rate: float, corrections: wp.vec2, settings: wp.vec4) -> wp.vec3:
+    """state: the parameter and both moments, before and after a step; g: gradient. settings: beta1, beta2, eps, decay.
 
     Kingma and Ba 2015, algorithm 1; weight decay as Loshchilov and Hutter 2019, algorithm 2 (AdamW).
     """
-    m = settings[0] * first[i] + (1.0 - settings[0]) * g
-    v = settings[1] * second[i] + (1.0 - settings[1]) * g * g
-    first[i] = m
-    second[i] = v
+    m = settings[0] * state[1] + (1.0 - settings[0]) * g
+    v = settings[1] * state[2] + (1.0 - settings[1]) * g * g
     change = m * corrections[0] / (wp.sqrt(v * corrections[1]) + settings[2])
-    return p - rate * (change + settings[3] * p)
+    return wp.vec3(state[0] - rate * (change + settings[3] * state[0]), m, v)
 
 
 @wp.func
-def sgd(
-    i: int,
-    g: float,
-    p: float,
-    rate: float,
-    corrections: wp.vec2,
-    settings: wp.vec4,
-    first: wp.array[float],
-    second: wp.array[float],
-) -> float:
-    """Heavy-ball momentum, undamped (PyTorch's form): velocity (`first`) = momentum velocity + gradient.
+def sgd(g: float, state: wp.vec3, rate: float, corrections: wp.vec2, settings: wp.vec4) -> wp.vec3:
+    """state: the parameter and its velocity. settings: momentum, -, -, weight decay.
 
-    settings: momentum, -, -, weight decay.
+    Heavy-ball momentum, undamped (PyTorch's form): velocity = momentum velocity + gradient.
     """
-    v = settings[0] * first[i] + g + settings[3] * p
-    first[i] = v
-    return p - rate * v
+    v = settings[0] * state[1] + g + settings[3] * state[0]
+    return wp.vec3(state[0] - rate * v, v, 0.0)
 
 
 @cache
@@ -76,8 +55,11 @@ def make_update_kernel(update: wp.Function) -> wp.Kernel:
         parameters: wp.array[float],
     ):
         i = wp.tid()
-        corrections = wp.vec2(scalars[1], scalars[2])
-        parameters[i] = update(i, gradient[i], parameters[i], scalars[0], corrections, settings, first, second)
+        state = wp.vec3(parameters[i], first[i], second[i])
+        state = update(gradient[i], state, scalars[0], wp.vec2(scalars[1], scalars[2]), settings)
+        parameters[i] = state[0]
+        second[i] = state[2]
+        first[i] = state[1]  # the same array as `second` for `sgd`
         if clear:
             gradient[i] = 0.0
 

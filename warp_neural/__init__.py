@@ -9,17 +9,19 @@ if not getattr(kernels, "__warp_neural__", False):
     )
 
 from kernels import activations, encodings, losses, sampling_2d
-from warp_neural import autodiff, coopvec
+from warp_neural import autodiff, coopvec, optim
 from warp_neural.convert import load_rtxns, save_rtxns
 from warp_neural.density import Density
 from warp_neural.errors import InputError
 from warp_neural.network import MLP
 from warp_neural.network_file import load_network, save_network
+from warp_neural.trainer import Trainer
 
 __all__ = [
     "MLP",
     "Density",
     "InputError",
+    "Trainer",
     "activations",
     "autodiff",
     "coopvec",
@@ -27,6 +29,7 @@ __all__ = [
     "load_network",
     "load_rtxns",
     "losses",
+    "optim",
     "sampling_2d",
     "save_network",
     "save_rtxns",

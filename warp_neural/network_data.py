@@ -47,6 +47,11 @@ class NetworkData:
 
 def write_network(path: Path | str, data: NetworkData) -> None:
     """Write it whole or not at all. Raises `InputError` for what files cannot hold: own functions, and NaN."""
+    save_tensors(path, *network_tensors(path, data))
+
+
+def network_tensors(path: Path | str, data: NetworkData) -> tuple[dict[str, np.ndarray], dict]:
+    """The tensors and metadata of a file."""
     spec, encoding = data.spec, data.encoding
     for activation in (spec.activation, spec.output_activation):
         if activation not in activations.ALL:
@@ -76,7 +81,7 @@ def write_network(path: Path | str, data: NetworkData) -> None:
             raise ValueError("it does not return equal")
     except ValueError as error:
         raise InputError(f"{path}: {encoding}: {error}; files hold those of wn.encodings") from error
-    save_tensors(path, tensors, metadata)
+    return tensors, metadata
 
 
 def read_network(path: Path | str) -> NetworkData:

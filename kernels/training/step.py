@@ -1,0 +1,97 @@
+"""The kernels of a fused training step, one factory per kernel, and what they share on the device."""
+
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec.spec import NetworkSpec, Parameters
+from kernels.losses import Loss
+from kernels.training import cuda
+from kernels.training.general import data_type, make_draw
+from kernels.training.plan import make_plan
+from kernels.training.progress import Progress, batch_of
+
+
+def cuda_only(text: str, otherwise: str) -> str:
+    return f"#if defined(__CUDA_ARCH__)\n{text}\n#else\n{otherwise}\n#endif\n"
+
+
+@cache
+def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, encode=None, encode_adjoint=None):
+    """The fused kernel for CUDA: dim blocks * plan.threads, block_dim plan.threads.
+
+    sample: `(index, random state, data) -> (x, target)`, or without data. Arguments: params; data; progress; micro,
+    which of the batches of a step (from 1 on, gradients add to what is there); partial [blocks, plan.slice],
+    every block's sums; the adjoint of the encoding adds to `params.master.grad`. Gradients are not yet divided by the
+    batch, and multiplied by `progress.scale`.
+    """
+    plan = make_plan(spec)
+    n_out, words = spec.sizes[-1], plan.words
+    vec_in = wp.types.vector(spec.sizes[0], wp.float32) if encode else spec.vec_in
+    vec_out, sums_type = wp.types.vector(n_out, wp.float32), wp.types.vector(plan.sums, wp.float32)
+    shared = wp.tile(dtype=wp.uint32, shape=(words,))
+    activate, value, gradient = spec.output_activation.func, loss.value(n_out), loss.gradient(n_out)
+    draw, data = make_draw(sample), data_type(sample)
+    trains_encoding, per_round = encode_adjoint is not None, plan.threads
+
+    @wp.func_native(cuda_only(cuda.begin(spec, plan), ""))
+    def begin(params: Parameters, memory: shared): ...
+
+    @wp.func_native(cuda_only(cuda.forward(spec, plan), "return {};"))
+    def forward(params: Parameters, memory: shared, x: vec_in) -> vec_out: ...
+
+    @wp.func_native(cuda_only(cuda.backward(spec, plan, trains_encoding), "return sums;"))
+    def backward(memory: shared, sums: sums_type, z: vec_out, dy: vec_out) -> sums_type: ...
+
+    @wp.func_native(cuda_only(cuda.input_gradient(spec, plan), "return {};"))
+    def input_gradient(memory: shared) -> vec_in: ...
+
+    @wp.func_native(cuda_only(cuda.finish(spec, plan), ""))
+    def finish(
+        memory: shared,
+        sums: sums_type,
+        loss: float,
+        partial: wp.array2d[float],
+        flags: wp.array[int],
+        parity: int,
+        add: bool,
+    ): ...
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(plan.threads, plan.blocks))
+    def gradient_kernel(params: Parameters, data: data, progress: Progress, micro: int, partial: wp.array2d[float]):
+        thread = wp.tid()
+        step = progress.counters[0]
+        batch = batch_of(progress, step)
+        parity = step % 2
+        scale = progress.scale[parity]
+        memory = wp.tile_empty(shape=words, dtype=wp.uint32, storage="shared")
+        begin(params, memory)
+        sums = sums_type()
+        total = float(0.0)
+        stride = partial.shape[0] * per_round
+        for start in range(0, batch, stride):
+            i = start + thread
+            inside = i < batch
+            index = micro * batch + wp.min(i, batch - 1)
+            x, target = draw(progress, step, index, data)
+            if wp.static(encode is not None):
+                z = forward(params, memory, encode(params, x))
+            else:
+                z = forward(params, memory, x)
+            y = vec_out()
+            for j in range(wp.static(n_out)):
+                y[j] = activate(z[j])
+            dy = vec_out()
+            if inside:
+                total += value(y, target)
+                dy = gradient(y, target) * scale
+            sums = backward(memory, sums, z, dy)
+            if wp.static(trains_encoding):
+                dx = input_gradient(memory)
+                if inside:
+                    encode_adjoint(params, x, dx)
+        if thread == 0:
+            progress.counters[1] = step
+        finish(memory, sums, total, partial, progress.flags, parity, micro > 0)
+
+    return gradient_kernel

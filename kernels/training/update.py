@@ -1,0 +1,194 @@
+"""The optimizer kernel of a training run: gradients of a step, summed and scaled back, to new parameters."""
+
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec.formats import make_encode
+from kernels.coopvec.spec import NetworkSpec
+from kernels.training.plan import make_plan
+from kernels.training.progress import Progress, batch_of, rate_of
+
+GROUP = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
+BLOCK = 8 * GROUP  # threads of it: warp w adds up the slices w, w + 8, ...
+
+
+@wp.func_native(
+    f"""
+#if defined(__CUDA_ARCH__)
+using real = wp::float32;
+__shared__ real sums[{BLOCK}];
+const unsigned warp = threadIdx.x / 32u, lane = threadIdx.x % 32u;
+const integer blocks = partial.shape[0], slice = partial.shape[1];
+real total = 0.0f;
+if (column < slice) {{
+#pragma unroll 9
+    for (integer b = warp; b < blocks; b += {BLOCK // GROUP}) total += partial.data[b * slice + column];
+}}
+sums[threadIdx.x] = total;
+__syncthreads();
+if (warp == 0) for (integer w = 1; w < {BLOCK // GROUP}; ++w) total += sums[w * {GROUP} + lane];
+return total;
+#else
+return 0.0f;
+#endif
+""".replace("integer", "wp::int32")
+)
+def sum_of_column(partial: wp.array2d[float], column: int) -> float: ...
+
+
+@wp.func_native("reinterpret_cast<unsigned short*>(packed.data)[element] = static_cast<unsigned short>(bits);\n")
+def store_half(packed: wp.array[wp.uint32], element: int, bits: wp.uint32): ...
+
+
+@wp.struct
+class Update:
+    """settings, first, second: of the optimizer. scale: dynamic: the gradients' scale adapts. batches: of a step, whose
+    gradients were added. average: of the parameters, decaying by `decay` a step; empty: none is kept."""
+
+    settings: wp.vec4
+    first: wp.array[float]
+    second: wp.array[float]
+    dynamic: bool
+    batches: int
+    average: wp.array[float]
+    decay: float
+
+
+@wp.struct
+class Rates:
+    """What all parameters of a step share: mean is what the sum of gradients is multiplied by."""
+
+    skip: bool
+    rate: float
+    corrections: wp.vec2
+    mean: float
+    decay: float
+
+
+@wp.func
+def rates_of(progress: Progress, options: Update) -> Rates:
+    step = progress.counters[1]
+    parity = step % 2
+    t = float(step + 1 - progress.skipped[parity])
+    rates = Rates()
+    rates.skip = progress.flags[parity] > 0
+    rates.rate = rate_of(progress, step)
+    rates.corrections = wp.vec2(
+        1.0 / (1.0 - wp.pow(options.settings[0], t)), 1.0 / (1.0 - wp.pow(options.settings[1], t))
+    )
+    rates.mean = 1.0 / (progress.scale[parity] * float(batch_of(progress, step) * options.batches))
+    # the mean so far of the first steps, then exponential: no bias towards the start
+    rates.decay = wp.min(options.decay, 1.0 - 1.0 / t)
+    return rates
+
+
+@wp.func
+def store(i: int, state: wp.vec3, rates: Rates, options: Update, master: wp.array[float]):
+    """A parameter and its moments after a step."""
+    master[i] = state[0]
+    options.second[i] = state[2]
+    options.first[i] = state[1]  # the same array as `second` for `sgd`
+    if options.average.shape[0] > 0:
+        options.average[i] = rates.decay * options.average[i] + (1.0 - rates.decay) * state[0]
+
+
+@wp.func
+def advance(progress: Progress, dynamic: bool):
+    """To the next step; by one thread. The scale of gradients halves after a skipped step, and doubles after 2,000 good
+    ones (Micikevicius et al. 2018, section 3.2)."""
+    step = progress.counters[1]
+    now = step % 2
+    later = 1 - now
+    bad = progress.flags[now]
+    good = wp.where(bad > 0, 0, progress.good[now] + 1)
+    scale = progress.scale[now]
+    if dynamic and bad > 0:
+        scale = wp.max(scale * 0.5, 1.0)
+    if dynamic and good == 2000:
+        scale = wp.min(scale * 2.0, 65536.0)
+        good = 0
+    progress.scale[later] = scale
+    progress.good[later] = good
+    progress.flags[later] = 0
+    progress.skipped[later] = progress.skipped[now] + bad
+    progress.losses[(step + 1) % progress.losses.shape[0]] = 0.0
+    progress.counters[0] = step + 1
+
+
+@cache
+def make_update_kernel(update: wp.Function) -> wp.Kernel:
+    """The general form, from parameter `first` on: gradients lie in `gradient`, which is cleared. last: of the step."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def update_kernel(
+        progress: Progress,
+        options: Update,
+        first: int,
+        last: bool,
+        gradient: wp.array[float],
+        master: wp.array[float],
+    ):
+        thread = wp.tid()
+        i = first + thread
+        rates = rates_of(progress, options)
+        if not rates.skip:
+            state = wp.vec3(master[i], options.first[i], options.second[i])
+            state = update(gradient[i] * rates.mean, state, rates.rate, rates.corrections, options.settings)
+            store(i, state, rates, options, master)
+        gradient[i] = 0.0
+        if last and thread == 0:
+            advance(progress, options.dynamic)
+
+    return update_kernel
+
+
+@cache
+def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec) -> wp.Kernel:
+    """After `make_gradient_kernel`: dim (ceil((plan.floats + 1) / GROUP) * BLOCK), block_dim BLOCK.
+
+    order: which parameter each column of `partial` is (-1: padding). target: where the parameter lies in `packed`, in
+    16-bit elements; ~word for a float32 bias.
+    """
+    encode, floats = make_encode(spec.format), wp.constant(make_plan(spec).floats)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def update_kernel(
+        progress: Progress,
+        options: Update,
+        partial: wp.array2d[float],
+        order: wp.array[int],
+        target: wp.array[int],
+        master: wp.array[float],
+        packed: wp.array[wp.uint32],
+    ):
+        thread = wp.tid()
+        updates = thread % wp.static(BLOCK) < wp.static(GROUP)
+        column = thread / wp.static(BLOCK) * wp.static(GROUP) + thread % wp.static(GROUP)
+        # all that can be read before the sum is, for that too waits for memory
+        i = int(-1)
+        place = int(0)
+        state = wp.vec3()
+        rates = Rates()
+        if updates:
+            rates = rates_of(progress, options)
+            if column < floats:
+                i = order[column]
+                if i >= 0:
+                    place = target[i]
+                    state = wp.vec3(master[i], options.first[i], options.second[i])
+        g = sum_of_column(partial, column) * rates.mean
+        if updates and column == floats:
+            progress.losses[progress.counters[1] % progress.losses.shape[0]] = (
+                g * progress.scale[progress.counters[1] % 2]
+            )
+            advance(progress, options.dynamic)
+        if i >= 0 and not rates.skip:
+            state = update(g, state, rates.rate, rates.corrections, options.settings)
+            store(i, state, rates, options, master)
+            if place >= 0:
+                store_half(packed, place, encode(state[0]))
+            else:
+                packed[~place] = wp.cast(state[0], wp.uint32)
+
+    return update_kernel

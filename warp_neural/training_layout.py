@@ -1,0 +1,43 @@
+"""Where the parameters of a network lie in the buffers of the fused training kernels, as index arrays."""
+
+import numpy as np
+
+from kernels.coopvec.layout import bias_is_half, network_layout
+from kernels.coopvec.spec import NetworkSpec
+from kernels.training.plan import Plan
+
+
+def fragment_order(plan: Plan) -> np.ndarray:
+    """Of each float of a block's gradient, the index of its parameter in `MLP.master`; -1 for padding. [plan.floats]"""
+    order = np.full(plan.floats, -1, np.int32)
+    for layer in plan.layers:
+        layout, blocks = layer.layout, layer.k_blocks
+        i = np.arange(layer.n_blocks * blocks * 256)
+        # accumulators of m16n8: lane 4 (n % 8) + k % 8 / 2 holds rows n, n + 8 and columns k, k + 1
+        register, lane, tile = i % 4, i // 4 % 32, i // 128
+        n = tile // (2 * blocks) * 16 + register // 2 * 8 + lane // 4
+        k = tile % (2 * blocks) * 8 + lane % 4 * 2 + register % 2
+        index = np.where((n < layout.n) & (k < layout.k), layout.master + n * layout.k + k, -1)
+        order[layer.first : layer.first + len(i)] = index
+        biases = layout.master + layout.n * layout.k + np.arange(layout.n)
+        order[layer.bias_first : layer.bias_first + layout.n] = biases
+    return order
+
+
+def packed_targets(spec: NetworkSpec) -> np.ndarray:
+    """Of each parameter, where it lies in `MLP.packed` on CUDA, in 16-bit elements; ~word for a float32 bias.
+
+    The inverse of the order that `kernels.coopvec.layout` describes, for 16-bit formats.
+    """
+    targets = []
+    for layer in network_layout(spec, True)[0]:
+        n, k = np.divmod(np.arange(layer.n * layer.k), layer.k)
+        tile = n // 8 * layer.k_pairs(spec.format) + k // 32
+        word = (tile * 32 + n % 8 * 4 + k % 8 // 2) * 4 + k // 8 % 4
+        targets.append((layer.weights + word) * 2 + k % 2)
+        n = np.arange(layer.n)
+        if bias_is_half(spec, True):
+            targets.append((layer.bias + n // 32 * 16 + n % 8 // 2 * 4 + n // 8 % 4) * 2 + n % 2)
+        else:
+            targets.append(~(layer.bias + n // 16 * 16 + n % 8 // 2 * 4 + n // 8 % 2 * 2 + n % 2))
+    return np.concatenate(targets).astype(np.int32)

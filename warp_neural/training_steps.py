@@ -1,0 +1,113 @@
+"""What a `Trainer` launches for one step: `gradient(micro)` for each batch of the step, then `update()`.
+
+Both are launches on arrays made beforehand, so that a CUDA graph can hold them.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from kernels.coopvec.spec import Parameters
+from kernels.losses import Loss
+from kernels.training.general import collect_kernel, make_loss_kernel, make_sample_kernel
+from kernels.training.plan import make_plan
+from kernels.training.progress import Progress
+from kernels.training.step import make_gradient_kernel
+from kernels.training.update import BLOCK, GROUP, Update, make_fused_update_kernel, make_update_kernel
+from warp_neural.network import MLP
+from warp_neural.training_layout import fragment_order, packed_targets
+
+TILE = 256  # threads of a block of the general kernels
+
+
+class General:
+    """For every network and device: samples to memory, the loss of each through `net.func`, and its adjoint."""
+
+    def __init__(
+        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
+    ):
+        self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
+        spec, device = net.spec, net.device
+        self.samples = make_sample_kernel(sample, net.vec_in, spec.sizes[-1])
+        self.loss = make_loss_kernel(net.func, spec, net.vec_in, loss)
+        size = -(-batch // TILE) * TILE
+        self.x = wp.zeros(size, dtype=net.vec_in, device=device)
+        self.target = wp.zeros(size, dtype=wp.types.vector(spec.sizes[-1], float), device=device)
+        self.losses = wp.zeros(size, dtype=float, device=device, requires_grad=True)
+        self.ones = wp.ones(size, dtype=float, device=device)
+
+    def gradient(self, micro: int) -> None:
+        launch = {"dim": self.losses.size, "device": self.net.device, "block_dim": TILE, "record_tape": False}
+        wp.launch(self.samples, inputs=[self.data, self.progress, micro, self.x, self.target], **launch)
+        inputs = [self.net.params, self.progress, self.x, self.target, self.losses]
+        wp.launch(self.loss, inputs=inputs, **launch)
+        wp.launch(collect_kernel, inputs=[self.progress, self.options.batches, self.losses], **launch)
+        wp.copy(self.losses.grad, self.ones)
+        wp.launch(
+            self.loss, inputs=inputs, adj_inputs=[Parameters(), Progress(), None, None, None], adjoint=True, **launch
+        )
+
+    def update(self) -> None:
+        update_from_gradient(self.net, self.optimizer, self.progress, self.options, 0, last=True)
+        self.net.pack()
+
+
+class FusedCuda:
+    """One kernel for samples, forward, loss and gradients, one for the update of all parameters."""
+
+    def __init__(
+        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
+    ):
+        self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
+        self.plan, device = make_plan(net.spec), net.device
+        adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
+        self.has_adjoint = adjoint is not None
+        self.kernel = make_gradient_kernel(net.spec, sample, loss, net.encode if net.encoding else None, adjoint)
+        self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec)
+        blocks = min(device.sm_count * self.plan.blocks, -(-batch // self.plan.threads))
+        self.partial = wp.zeros((blocks, self.plan.slice), dtype=float, device=device)
+        self.order = wp.array(fragment_order(self.plan), dtype=int, device=device)
+        self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
+
+    def gradient(self, micro: int) -> None:
+        wp.launch(
+            self.kernel,
+            dim=self.partial.shape[0] * self.plan.threads,
+            inputs=[self.net.params, self.data, self.progress, micro, self.partial],
+            block_dim=self.plan.threads,
+            device=self.net.device,
+            record_tape=False,
+        )
+
+    def update(self) -> None:
+        net = self.net
+        if self.has_adjoint:
+            update_from_gradient(net, self.optimizer, self.progress, self.options, net.encoding_start, last=False)
+        arrays = [self.partial, self.order, self.target, net.master, net.packed]
+        wp.launch(
+            self.update_kernel,
+            dim=-(-(self.plan.floats + 1) // GROUP) * BLOCK,
+            inputs=[self.progress, self.options, *arrays],
+            block_dim=BLOCK,
+            device=net.device,
+            record_tape=False,
+        )
+
+    def gathered(self) -> np.ndarray:
+        """The gradient of the last batch, as `net.gradient` would hold it, scaled; for comparison."""
+        gradient = self.net.gradient.numpy().copy()
+        order, total = self.order.numpy(), self.partial.numpy().sum(0, dtype=np.float64)[: self.plan.floats]
+        gradient[order[order >= 0]] = total[order >= 0]
+        return gradient
+
+
+def update_from_gradient(net: MLP, optimizer, progress: Progress, options: Update, first: int, last: bool) -> None:
+    """Update the parameters from `first` on from `net.gradient`, which is cleared."""
+    wp.launch(
+        make_update_kernel(optimizer.update),
+        dim=net.master.size - first,
+        inputs=[progress, options, first, last, net.gradient, net.master],
+        device=net.device,
+        record_tape=False,
+    )
