@@ -13,36 +13,93 @@ SIZES = {wp.float16: 2, wp.float32: 4}
 ROW = "const size_t pitch = {array}.strides[0]; char* const bytes = reinterpret_cast<char*>({data}) + row * pitch;\n"
 
 
-def by_16_bytes(n: int, dtype: type, wide: str, element: str) -> str:
-    """`wide` for each 16 bytes `u` where the row allows it on CUDA, `element` for each element `i` otherwise."""
-    units = n * SIZES[dtype] // 16 if n * SIZES[dtype] % 16 == 0 else 0
-    fast = f"""if (((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u) {{
+MIN_UNITS = 4  # of a row, for the warp to load it together: shorter ones gain nothing
+
+
+def aligned_units(n: int, dtype: type) -> int:
+    """16-byte units of a row that can be moved whole, where row and pitch are aligned."""
+    return n * SIZES[dtype] // 16 if n * SIZES[dtype] % 16 == 0 else 0
+
+
+def load_words(n: int, dtype: type) -> str:
+    """CUDA: the row as 32-bit `words`; only together are they split, so that what packs them again costs nothing."""
+    units, half = aligned_units(n, dtype), dtype is wp.float16
+    bits = (
+        "reinterpret_cast<const unsigned short*>(bytes)[i]" if half else "reinterpret_cast<const unsigned*>(bytes)[i]"
+    )
+    place = "words[i / 2] |= static_cast<unsigned>({}) << i % 2 * 16;" if half else "words[i] = {};"
+    split = "v.c[i].u = words[i / 2] >> i % 2 * 16;" if half else "v.c[i] = __uint_as_float(words[i]);"
+    take = "words[4 * u] = q.x; words[4 * u + 1] = q.y; words[4 * u + 2] = q.z; words[4 * u + 3] = q.w;"
+    row = (
+        f"""if (aligned) {{
 #pragma unroll
-for (int u = 0; u < {units}; ++u) {{ {wide} }}
+for (int u = 0; u < {units}; ++u) {{ const uint4 q = reinterpret_cast<const uint4*>(bytes)[u]; {take} }}
 }} else"""
-    return f"""#if defined(__CUDA_ARCH__)
-{fast if units else ""}
+        if units
+        else ""
+    )
+    return f"""unsigned words[{-(-n * SIZES[dtype] // 4)}] = {{}};
+const bool aligned = ((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u;
+{by_warp(units, take) if units >= MIN_UNITS else ""}
+{{ {row}
+#pragma unroll
+for (int i = 0; i < {n}; ++i) {{ {place.format(bits)} }} }}
+#pragma unroll
+for (int i = 0; i < {n}; ++i) {{ {split} }}
+"""
+
+
+def by_warp(units: int, take: str) -> str:
+    """If a whole warp loads consecutive rows: 16 bytes a lane in order of memory, dealt out in shared memory; else ...
+
+    A row a thread touches 32 lines of the cache at a time, and takes twice as long. `take` unit `u` from `q`.
+    """
+    return f"""#if __CUDA_ARCH__ >= 800 && WP_TILE_BLOCK_DIM <= 256
+const unsigned lane = threadIdx.x & 31u;
+size_t first = 0;
+bool together = __activemask() == 0xffffffffu;
+if (together) {{
+    first = __shfl_sync(0xffffffffu, reinterpret_cast<size_t>(bytes), 0);
+    together = __all_sync(0xffffffffu, aligned && reinterpret_cast<size_t>(bytes) == first + lane * pitch);
+}}
+if (together) {{
+constexpr unsigned CHUNK = {min(8, 1 << (units - 1).bit_length())};  // units of a row staged at a time
+__shared__ uint4 staged[WP_TILE_BLOCK_DIM * CHUNK];
+uint4* const rows = staged + (threadIdx.x & ~31u) * CHUNK;
+auto place = [&](unsigned row, unsigned u) {{  // swizzled: no two of eight lanes meet in a bank
+    return rows + row * CHUNK + (u ^ (CHUNK == 8 ? row & 7u : CHUNK == 4 ? row >> 1 & 3u : row >> 2 & 1u)); }};
+#pragma unroll
+for (unsigned c = 0; c < {units}; c += CHUNK) {{
+#pragma unroll
+for (unsigned r = 0; r < CHUNK; ++r) {{
+    const unsigned row = 32 / CHUNK * r + lane / CHUNK, u = lane % CHUNK;
+    if (c + CHUNK <= {units} || c + u < {units}) asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
+        :: "r"(static_cast<unsigned>(__cvta_generic_to_shared(place(row, u)))), "l"(first + row * pitch + 16 * (c + u))
+        : "memory");
+}}
+asm volatile("cp.async.wait_all;" ::: "memory");
+__syncwarp();
+#pragma unroll
+for (unsigned u = c; u < c + CHUNK && u < {units}; ++u) {{ const uint4 q = *place(lane, u - c); {take} }}
+__syncwarp();
+}}
+}} else
 #endif
-for (int i = 0; i < {n}; ++i) {{ {element} }}
 """
 
 
 @cache
 def make_load(n: int, dtype: type) -> wp.Function:
     """`(source: array2d [rows, >= n] of dtype, row: int) -> vector of n`; differentiable."""
-    vec = wp.types.vector(n, dtype)
-    per_unit = 16 // SIZES[dtype]
-    take = (
-        "v.c[u * 8 + 2 * w].u = words[w] & 0xffffu; v.c[u * 8 + 2 * w + 1].u = words[w] >> 16;"
-        if per_unit == 8
-        else "v.c[u * 4 + w] = __uint_as_float(words[w]);"
-    )
-    wide = f"""const uint4 q = reinterpret_cast<const uint4*>(bytes)[u];
-const unsigned words[4] = {{q.x, q.y, q.z, q.w}};
-for (int w = 0; w < 4; ++w) {{ {take} }}"""
-    c_type = C_TYPES[dtype]
+    vec, c_type = wp.types.vector(n, dtype), C_TYPES[dtype]
     text = f"wp::vec_t<{n}, {c_type}> v;\n" + ROW.format(array="source", data="source.data")
-    text += by_16_bytes(n, dtype, wide, f"v.c[i] = reinterpret_cast<{c_type}*>(bytes)[i];") + "return v;\n"
+    text += f"""#if defined(__CUDA_ARCH__)
+{load_words(n, dtype)}
+#else
+for (int i = 0; i < {n}; ++i) v.c[i] = reinterpret_cast<{c_type}*>(bytes)[i];
+#endif
+return v;
+"""
     gradient = "if (source.grad) {\n" + ROW.format(array="source", data="source.grad")
     gradient += (
         f"for (int i = 0; i < {n}; ++i) wp::atomic_add(reinterpret_cast<{c_type}*>(bytes) + i, adj_ret.c[i]);\n}}\n"
@@ -68,8 +125,17 @@ def make_store(n: int, dtype: type) -> wp.Function:
 for (int w = 0; w < 4; ++w) words[w] = {word};
 reinterpret_cast<uint4*>(bytes)[u] = make_uint4(words[0], words[1], words[2], words[3]);"""
     c_type = C_TYPES[dtype]
+    units = aligned_units(n, dtype)
+    fast = f"""if (((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u) {{
+#pragma unroll
+for (int u = 0; u < {units}; ++u) {{ {wide} }}
+}} else"""
     text = ROW.format(array="target", data="target.data")
-    text += by_16_bytes(n, dtype, wide, f"reinterpret_cast<{c_type}*>(bytes)[i] = v.c[i];")
+    text += f"""#if defined(__CUDA_ARCH__)
+{fast if units else ""}
+#endif
+for (int i = 0; i < {n}; ++i) reinterpret_cast<{c_type}*>(bytes)[i] = v.c[i];
+"""
     gradient = "if (target.grad) {\n" + ROW.format(array="target", data="target.grad")
     gradient += f"for (int i = 0; i < {n}; ++i) adj_v.c[i] += reinterpret_cast<{c_type}*>(bytes)[i];\n}}\n"
 
