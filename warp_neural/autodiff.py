@@ -117,7 +117,7 @@ def check_gradients(record: wp.array) -> None:
     bad = np.argwhere(~np.isfinite(values.reshape(len(record), -1)).all(axis=1))
     if len(bad):
         index = int(bad[0, 0])
-        raise FloatingPointError(f"gradient {index} of {len(record)} is {values[index]}; {len(bad)} are not finite")
+        raise FloatingPointError(f"gradient {index} is {values[index]}; {len(bad)} of {len(record)} are not finite")
 
 
 def _has_tangent(func: wp.Function) -> tuple[bool, ...]:

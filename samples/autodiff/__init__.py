@@ -1,0 +1,1 @@
+"""Automatic differentiation: the course's examples, forwards and backwards, and what forward mode is good for."""
