@@ -6,6 +6,7 @@ import pytest
 import warp as wp
 
 from kernels.coopvec.convert import convert_kernel
+from kernels.coopvec.memory import make_load, make_store
 from kernels.coopvec.network import make_network
 from kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
 from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
@@ -59,6 +60,23 @@ def test_operations_compile_for_hopper(tmp_path):
         i = wp.tid()
         y[i] = matmul_add(x[i], matrix, 0, 0, bias, 0)
         outer_product(y[i], x[i], gradient, 0, 0)
+
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
+def test_stages_fit_static_shared_memory(tmp_path):
+    """Rows of several lengths and a network in one kernel: 48 KB a block hold all their stages."""
+    spec = NetworkSpec((64, 64, 16), dtype=wp.float16)
+    network, store = make_network(spec), make_store(16, wp.float16)
+    load, other = make_load(64, wp.float16), make_load(128, wp.float16)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"block_dim": 256})
+    def kernel(params: Parameters, x: wp.array2d[wp.float16], z: wp.array2d[wp.float16], y: wp.array2d[wp.float16]):
+        i = wp.tid()
+        v = load(x, i)
+        v[0] += other(z, i)[100]
+        store(y, i, network(params, v))
 
     (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0

@@ -32,7 +32,7 @@ def orders(rows, n):
 
 @pytest.mark.parametrize("n, dtype", [(32, wp.float16), (24, wp.float32), (136, wp.float16), (5, wp.float32)])
 @pytest.mark.parametrize("shift", [0, 1])  # 1: rows that 16 bytes do not divide
-@pytest.mark.parametrize("block", [64, 256, 512])
+@pytest.mark.parametrize("block", [64, 96, 256, 512])
 def test_copies_rows(n, dtype, shift, block, device):
     if device.is_cpu and block != 64:
         pytest.skip("blocks are CUDA's")

@@ -11,9 +11,7 @@ from kernels.coopvec.spec import C_TYPES
 
 SIZES = {wp.float16: 2, wp.float32: 4}
 ROW = "const size_t pitch = {array}.strides[0]; char* const bytes = reinterpret_cast<char*>({data}) + row * pitch;\n"
-
-
-MIN_UNITS = 4  # of a row, for the warp to load it together: shorter ones gain nothing
+MIN_UNITS = 4  # of 16 bytes in a row, for the warp to load it together: shorter ones gain nothing
 
 
 def aligned_units(n: int, dtype: type) -> int:
@@ -50,9 +48,9 @@ for (int i = 0; i < {n}; ++i) {{ {split} }}
 
 
 def by_warp(units: int, take: str) -> str:
-    """If a whole warp loads consecutive rows: 16 bytes a lane in order of memory, dealt out in shared memory; else ...
+    """`if` a whole warp loads consecutive rows `else`: 16 bytes a lane in order of memory, dealt out in shared memory.
 
-    A row a thread touches 32 lines of the cache at a time, and takes twice as long. `take` unit `u` from `q`.
+    With a row a thread, every load touches 32 lines of the cache. take: statements that take unit `u` from `q`.
     """
     return f"""#if __CUDA_ARCH__ >= 800 && WP_TILE_BLOCK_DIM <= 256
 const unsigned lane = threadIdx.x & 31u;
@@ -63,13 +61,15 @@ if (together) {{
     together = __all_sync(0xffffffffu, aligned && reinterpret_cast<size_t>(bytes) == first + lane * pitch);
 }}
 if (together) {{
-constexpr unsigned CHUNK = {min(8, 1 << (units - 1).bit_length())};  // units of a row staged at a time
+constexpr unsigned MOST = WP_TILE_BLOCK_DIM <= 64 ? 8 : WP_TILE_BLOCK_DIM <= 128 ? 4 : 2;  // 8 KB a block
+constexpr unsigned CHUNK = MOST < {1 << (units - 1).bit_length()} ? MOST : {1 << (units - 1).bit_length()};
 __shared__ uint4 staged[WP_TILE_BLOCK_DIM * CHUNK];
 uint4* const rows = staged + (threadIdx.x & ~31u) * CHUNK;
 auto place = [&](unsigned row, unsigned u) {{  // swizzled: no two of eight lanes meet in a bank
     return rows + row * CHUNK + (u ^ (CHUNK == 8 ? row & 7u : CHUNK == 4 ? row >> 1 & 3u : row >> 2 & 1u)); }};
+__syncwarp();  // what a lane has stored, another may load
 #pragma unroll
-for (unsigned c = 0; c < {units}; c += CHUNK) {{
+for (unsigned c = 0; c < {units}; c += CHUNK) {{  // units of a row staged at a time
 #pragma unroll
 for (unsigned r = 0; r < CHUNK; ++r) {{
     const unsigned row = 32 / CHUNK * r + lane / CHUNK, u = lane % CHUNK;
