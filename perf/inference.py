@@ -59,6 +59,18 @@ def make_shade_kernel(net: MLP, bounds: tuple[int, int] | None = None):
     return shade_kernel
 
 
+def make_memory_kernel(net: MLP):
+    """A row of inputs to a row of outputs a thread, float16."""
+    func, load, store = net.func, make_load(net.spec.sizes[0], wp.float16), make_store(net.spec.sizes[-1], wp.float16)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def memory_kernel(params: net.Params, x: wp.array2d[wp.float16], y: wp.array2d[wp.float16]):
+        i = wp.tid()
+        store(y, i, func(params, load(x, i)))
+
+    return memory_kernel
+
+
 def truth(net: MLP, x: np.ndarray, network: np.ndarray) -> np.ndarray:
     """The ReLU network in float64, [samples, n_out]."""
     result = x.astype(np.float64)
@@ -129,17 +141,11 @@ def measure_memory(config: Config, device: wp.Device, n: int) -> dict:
     for depth, width in [*SHAPES, (3, 16), (3, 128)]:
         kind = {"accumulation": "float16", "dtype": wp.float16, "device": device, "seed": config.seed}
         net = MLP(width, 16, width, depth, **kind)
-        func, load, store = net.func, make_load(width, wp.float16), make_store(16, wp.float16)
-
-        @wp.kernel(module="unique", enable_backward=False)
-        def memory_kernel(params: net.Params, x: wp.array2d[wp.float16], y: wp.array2d[wp.float16]):
-            i = wp.tid()
-            store(y, i, func(params, load(x, i)))  # noqa: B023
-
+        kernel = make_memory_kernel(net)
         x = rng.uniform(-1, 1, (n, width)).astype(np.float16)
         inputs = wp.array(x, dtype=wp.float16, device=device)
         y = wp.zeros((n, 16), dtype=wp.float16, device=device)
-        launch = lambda: wp.launch(memory_kernel, n, [net.params, inputs, y], device=device, block_dim=config.block)  # noqa: B023, E731
+        launch = lambda: wp.launch(kernel, n, [net.params, inputs, y], device=device, block_dim=config.block)  # noqa: B023, E731
         launch()
         name = f"memory_{depth}x{width}_ms"
         check(name, y.numpy()[:4096], truth(net, x[:4096], 0), LIMITS["float16"])
