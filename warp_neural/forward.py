@@ -32,7 +32,9 @@ def make_forward(func: wp.Function, active: tuple[bool, ...]) -> wp.Function:
         raise InputError(f"jvp of {func.key}: native code has no forward derivative; {REMEDY}")
     overloads = [*func.user_overloads.values(), *func.user_templates.values()]
     overloads = [f for f in overloads if f.generic_parent is None and len(f.input_types) == len(active)]
-    first, *others = [wp.func(module="unique")(_Rewriter(overload, active).function()) for overload in overloads]
+    inline = None if func.inline_hint is None else func.inline_hint == "forceinline"
+    make = wp.func(module="unique", inline=inline)
+    first, *others = [make(_Rewriter(overload, active).function()) for overload in overloads]
     for other in others:
         first.add_overload(other)
     return first
