@@ -1,4 +1,4 @@
-"""A training step for every network and device: samples to memory, a differentiable kernel of their losses, its adjoint."""
+"""A training step for every network and device: samples to memory, a differentiable kernel of their losses."""
 
 from functools import cache
 

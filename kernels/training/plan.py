@@ -12,15 +12,15 @@ from functools import cache
 from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.coopvec.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
 
-SHARED_BYTES = 224 * 1024  # that a block may take, of sm_90's 227 KB
-CHOICES = ((8, 112), (4, 208))  # warps of a block, and the float32 registers a lane may spend on weight gradients
+SHARED_BYTES = 212 * 1024  # of sm_90's 227 KB; the rest is for what samples need
+CHOICES = ((8, 124), (4, 208))  # warps of a block, and the float32 registers a lane may spend on weight gradients
 
 
 @dataclass(frozen=True)
 class LayerPlan:
     """One layer: `rows` x `columns` units a task, `parts` of the samples. Offsets in 32-bit words: `weights` in shared
-    memory, `dz` and `h` (the layer's input) in a warp's area, `sums` in a lane's registers, `first` in the block's gradient,
-    `copies` in shared memory where the parts' gradients meet.
+    memory, `dz` and `h` (the layer's input) in a warp's area, `sums` in a lane's registers, `first` in the block's
+    gradient, `copies` in shared memory where the parts' gradients meet.
     """
 
     layout: LayerLayout
@@ -70,9 +70,10 @@ class LayerPlan:
 
 @dataclass(frozen=True)
 class Plan:
-    """warps: of a block. weights: words of shared memory for all weights, after which each warp has an `area` of words,
-    with results at `output` and the gradient to the network's input at `dx`. sums: registers a lane. floats: of one
-    block's gradient, in the order of the accumulators."""
+    """warps: of a block. weights: words of shared memory for all weights, after which each warp has `area` words, with
+    results at `output` and the gradient to the network's input at `dx`. sums: registers a lane, those of the biases
+    last. floats: of one block's gradient, in the order of the accumulators.
+    """
 
     layers: tuple[LayerPlan, ...]
     warps: int
@@ -95,6 +96,11 @@ class Plan:
     @property
     def threads(self) -> int:
         return 32 * self.warps
+
+    def bias_sums(self, index: int) -> int:
+        """Where layer `index` has the registers of its biases, which eight layers share."""
+        rows = max(layer.rows for layer in self.layers)
+        return self.sums - 4 * rows * (-(-len(self.layers) // 8) - index // 8)
 
     @property
     def blocks(self) -> int:
@@ -150,8 +156,9 @@ def plan_with(spec: NetworkSpec, warps: int, limit: int) -> Plan | None:
             return None
         plan = LayerPlan(layout, *shared, weights, l * slot, dz[l], sums, first, plans[-1].end if plans else 0)
         weights += layout.bias - layout.weights
-        sums += plan.rows * (plan.columns * 8 + 4)
+        sums += plan.rows * plan.columns * 8
         first += plan.weight_floats + n_blocks * 16
         plans.append(plan)
+    sums += 4 * max(plan.rows for plan in plans) * -(-count // 8)
     area = output + extra + 16 * round_up(layouts[-1].n_pad, 16)
     return Plan(tuple(plans), warps, weights, area, slot if count > 1 else output, output, sums, first)

@@ -6,7 +6,7 @@ import warp as wp
 
 from kernels.coopvec.spec import NetworkSpec, Parameters
 from kernels.losses import Loss
-from kernels.training import cuda
+from kernels.training import cuda, cuda_backward, cuda_finish
 from kernels.training.general import data_type, make_draw
 from kernels.training.plan import make_plan
 from kernels.training.progress import Progress, batch_of
@@ -40,13 +40,16 @@ def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, enc
     @wp.func_native(cuda_only(cuda.forward(spec, plan), "return {};"))
     def forward(params: Parameters, memory: shared, x: vec_in) -> vec_out: ...
 
-    @wp.func_native(cuda_only(cuda.backward(spec, plan, trains_encoding), "return sums;"))
-    def backward(memory: shared, sums: sums_type, z: vec_out, dy: vec_out) -> sums_type: ...
+    @wp.func_native(cuda_only(cuda_backward.upper_layers(spec, plan), "return sums;"))
+    def upper_layers(memory: shared, sums: sums_type, z: vec_out, dy: vec_out) -> sums_type: ...
 
-    @wp.func_native(cuda_only(cuda.input_gradient(spec, plan), "return {};"))
+    @wp.func_native(cuda_only(cuda_backward.first_layer(spec, plan, trains_encoding), "return sums;"))
+    def first_layer(memory: shared, sums: sums_type) -> sums_type: ...
+
+    @wp.func_native(cuda_only(cuda_backward.input_gradient(spec, plan), "return {};"))
     def input_gradient(memory: shared) -> vec_in: ...
 
-    @wp.func_native(cuda_only(cuda.finish(spec, plan), ""))
+    @wp.func_native(cuda_only(cuda_finish.finish(plan), ""))
     def finish(
         memory: shared,
         sums: sums_type,
@@ -69,11 +72,10 @@ def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, enc
         sums = sums_type()
         total = float(0.0)
         stride = partial.shape[0] * per_round
+        x, target = draw(progress, step, micro * batch + wp.min(thread, batch - 1), data)
         for start in range(0, batch, stride):
             i = start + thread
             inside = i < batch
-            index = micro * batch + wp.min(i, batch - 1)
-            x, target = draw(progress, step, index, data)
             if wp.static(encode is not None):
                 z = forward(params, memory, encode(params, x))
             else:
@@ -85,11 +87,16 @@ def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, enc
             if inside:
                 total += value(y, target)
                 dy = gradient(y, target) * scale
-            sums = backward(memory, sums, z, dy)
+            sums = upper_layers(memory, sums, z, dy)
+            # the next sample, early: reading it may take as long as the first layer
+            next_x, next_target = draw(progress, step, micro * batch + wp.min(i + stride, batch - 1), data)
+            sums = first_layer(memory, sums)
             if wp.static(trains_encoding):
                 dx = input_gradient(memory)
                 if inside:
                     encode_adjoint(params, x, dx)
+            x = next_x
+            target = next_target
         if thread == 0:
             progress.counters[1] = step
         finish(memory, sums, total, partial, progress.flags, parity, micro > 0)
