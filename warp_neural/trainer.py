@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from tqdm import tqdm
 
+from kernels.coopvec.spec import INT8
 from kernels.losses import Loss, l2
 from kernels.training.plan import make_plan
 from kernels.training.progress import Progress
@@ -18,10 +19,20 @@ from warp_neural.checkpoint import load_checkpoint, save_checkpoint
 from warp_neural.errors import InputError
 from warp_neural.network import MLP
 from warp_neural.optim import SGD, Adam
+from warp_neural.training_cpu import FusedCpu
 from warp_neural.training_steps import FusedCuda, General
 
 HISTORY = 1 << 14  # steps whose loss is kept on the device
 CHECK = 32  # steps between looks at the loss; as many are one launch of a CUDA graph
+
+
+def fused_steps(net: MLP) -> type[FusedCuda | FusedCpu] | None:
+    """What takes a step of `net` in one kernel, if anything does."""
+    if net.implementation != "cooperative":
+        return None
+    if net.device.is_cuda:
+        return FusedCuda if make_plan(net.spec) else None
+    return None if net.spec.format is INT8 else FusedCpu
 
 
 class Trainer:
@@ -35,9 +46,10 @@ class Trainer:
     moving average of the parameters, in `averaged`. loss_scale: what gradients are multiplied by to fit float16; by
     default 128 to begin with, halved after a step whose gradient is not finite, which is skipped.
 
-    On CUDA float16 and bfloat16 networks of up to 64 neurons train in one kernel (`fused`), all others through the
-    adjoint of the loss. Two runs with the same seed end alike bit for bit on one device, except, on CUDA, those that add
-    to memory atomically: networks that are not `fused`, and encodings with parameters.
+    One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
+    of up to 64 neurons, on the CPU of all but int8; other networks train through the adjoint of the loss. Two runs with
+    the same seed end alike bit for bit on one device, except, on CUDA, those that add to memory atomically: networks
+    that are not `fused`, and encodings with parameters.
     """
 
     def __init__(
@@ -64,17 +76,17 @@ class Trainer:
             raise InputError(f"average={average}: the decay of an average lies in [0, 1)")
         if net.count > 1:
             raise InputError(f"a network with count={net.count}: a Trainer trains one")
-        can_fuse = net.device.is_cuda and net.implementation == "cooperative" and make_plan(net.spec) is not None
-        if fused and not can_fuse:
-            raise InputError("fused=True: only on CUDA, for float16 or bfloat16 networks that fit; leave it out")
-        self.net, self.device, self.fused = net, net.device, can_fuse and fused is not False
+        in_one = fused_steps(net)
+        if fused and in_one is None:
+            raise InputError("fused=True: not for this network on this device (see Trainer); leave it out")
+        kind = General if fused is False or in_one is None else in_one
+        self.net, self.device, self.fused = net, net.device, kind is not General
         self.optimizer = optimizer or Adam()
         self.optimizer.bind(net.master)
         self.sizes, self.batches, self.seed, self.index = sizes, batches, seed, 0
-        scale = loss_scale or (128.0 if self.fused else 1.0)
+        scale = loss_scale or (128.0 if kind is FusedCuda else 1.0)
         self.progress = self._progress(scale)
-        self.options = self._options(average, self.fused and loss_scale is None)
-        kind = FusedCuda if self.fused else General
+        self.options = self._options(average, kind is FusedCuda and loss_scale is None)
         arguments = (net, self.optimizer, self.progress, self.options, sample, data, loss, int(sizes.max()))
         self.launches = kind(*arguments)
         self._graphs, self._skipped = {}, 0
