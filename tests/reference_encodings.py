@@ -97,8 +97,11 @@ def hash_grid(x, parameters, levels, features, log2_size, base_resolution, growt
     results, start = [], 0
     for level in range(levels):
         corners, size = grid_corners(x, level, log2_size, base_resolution, growth)
-        entries = parameters.reshape(-1, features)[start : start + size]
+        stride = max(features, 8) if size <= 8192 else features  # small tables are spread out, with gaps
+        end = start + size * stride
+        entries = parameters[start:end].reshape(size, stride)[:, :features]
         part = None if dy is None else dy[:, level * features : (level + 1) * features]
-        results.append(interpolate(corners, entries, part))
-        start += size
-    return np.hstack(results) if dy is None else np.vstack(results)
+        result = interpolate(corners, entries, part)
+        results.append(result if dy is None else np.pad(result, ((0, 0), (0, stride - features))).ravel())
+        start = end
+    return np.hstack(results)

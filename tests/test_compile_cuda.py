@@ -10,6 +10,12 @@ from kernels.coopvec.memory import make_load, make_store
 from kernels.coopvec.network import make_network
 from kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
 from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
+from kernels.losses import l2
+from kernels.optimizers import adam
+from kernels.training.encoded import make_adjoint_rows_kernel, make_encode_rows_kernel
+from kernels.training.step import make_gradient_kernel
+from kernels.training.update import make_fused_update_kernel
+from warp_neural import encodings
 
 MODULES = [
     "kernels.optimizers",
@@ -63,6 +69,25 @@ def test_operations_compile_for_hopper(tmp_path):
 
     (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
+
+
+@wp.func
+def corner(index: int, random: wp.uint32):
+    return wp.vec2(wp.randf(random), 0.5), wp.vec3(0.25)
+
+
+@pytest.mark.parametrize("encoding", [None, encodings.Frequency(8), encodings.HashGrid(levels=8)])
+def test_training_compiles_for_hopper(encoding, tmp_path):
+    spec = NetworkSpec((encoding.n_out(2) if encoding else 2, 64, 64, 3), accumulation="float16")
+    encode, trains = encoding and encoding.make(2), encoding and encoding.make_adjoint(2)
+    kernels = [make_gradient_kernel(spec, corner, l2, None if trains else encode, trains is not None)]
+    kernels.append(make_fused_update_kernel(adam, spec))
+    if trains:
+        kernels.append(make_encode_rows_kernel(corner, encode, spec.sizes[0], spec.format))
+        kernels.append(make_adjoint_rows_kernel(corner, trains, spec.sizes[0], spec.format))
+    for kernel in kernels:
+        (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)
+        assert artifact.stat().st_size > 0
 
 
 def test_stages_fit_static_shared_memory(tmp_path):

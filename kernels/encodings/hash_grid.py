@@ -7,13 +7,15 @@ from typing import NamedTuple
 from kernels.coopvec.spec import round_up
 from kernels.encodings.base import UNROLL, Encoding, add_entry, numbers, read_entry, require_positive
 
+SMALL = 1 << 13  # entries of a table: in those up to this each has 32 bytes to itself, as additions to one sector queue
 PRIMES = (1, 2654435761, 805459861, 3674653429)
 
 
 class Level(NamedTuple):
     scale: float  # of the input, to vertices
     size: int  # table entries
-    start: int  # in entries
+    start: int  # in floats
+    stride: int  # floats from entry to entry
     hashed: bool
     factors: list[int]  # of the vertex coordinates: their products are added, or if hashed, combined by exclusive or
 
@@ -47,7 +49,7 @@ class HashGrid(Encoding):
 
     def n_parameters(self, n_in: int) -> int:
         last = self.tables(n_in)[-1]
-        return (last.start + last.size) * self.features
+        return last.start + last.size * last.stride
 
     def tables(self, n_in: int) -> list[Level]:
         tables, start = [], 0
@@ -58,8 +60,9 @@ class HashGrid(Encoding):
             size = min(round_up(vertices, 8), 2**self.log2_size)
             hashed = vertices > size
             factors = list(PRIMES[:n_in]) if hashed else [resolution**axis for axis in range(n_in)]
-            tables.append(Level(scale, size, start, hashed, factors))
-            start += size
+            stride = max(self.features, 8) if size <= SMALL else self.features
+            tables.append(Level(scale, size, start, stride, hashed, factors))
+            start += size * stride
         return tables
 
     def forward(self, n_in: int, aligned: int) -> str:
@@ -94,6 +97,7 @@ if (grad) {{ {add_entry(self.features, aligned, "grad + at", "weight", "d")} }}"
 const wp::uint32 factor[{len(factors)}] = {{{", ".join(factors)}}};
 const wp::uint32 size[{self.levels}] = {{{", ".join(f"{table.size}u" for table in tables)}}};
 const wp::int64 first[{self.levels}] = {{{", ".join(str(table.start) for table in tables)}}};
+const wp::uint32 stride[{self.levels}] = {{{", ".join(f"{table.stride}u" for table in tables)}}};
 const bool hashed[{self.levels}] = {{{", ".join(str(table.hashed).lower() for table in tables)}}};{UNROLL}
 for (int l = 0; l < {self.levels}; ++l) {{
 real share[{n_in}];
@@ -113,7 +117,7 @@ for (int a = 0; a < {n_in}; ++a) {{
     index = hashed[l] ? index ^ term : index + term;
 }}
 index = hashed[l] ? index & (size[l] - 1u) : index < size[l] ? index : index % size[l];
-const wp::int64 at = (first[l] + index) * {self.features};
+const wp::int64 at = first[l] + index * stride[l];
 {use}
 }}
 }}

@@ -7,7 +7,7 @@ inputs for its own tasks of the weights' gradient (see `plan`), which it keeps i
 
 from kernels.activations import linear, relu
 from kernels.coopvec.fragments import unrolled
-from kernels.coopvec.spec import NetworkSpec
+from kernels.coopvec.spec import C_TYPES, NetworkSpec
 from kernels.training.cuda import LIFTED, enter
 from kernels.training.plan import Plan
 
@@ -131,13 +131,13 @@ for (int i = 0; i < {2 * samples}; ++i) {{
 """
 
 
-def input_gradient(spec: NetworkSpec, plan: Plan) -> str:
-    """`(memory) -> dx` of this thread, as `backward` left it."""
+def input_gradient(spec: NetworkSpec, plan: Plan, dtype: type) -> str:
+    """`(memory) -> dx`, a vector of `dtype`, of this thread's sample, as `first_layer` left it."""
     n_in, blocks = spec.sizes[0], plan.layers[0].k_blocks
-    text = f"{enter(spec, plan)}wp::vec_t<{n_in}, real> dx;\n"
+    text = f"{enter(spec, plan)}wp::vec_t<{n_in}, {C_TYPES[dtype]}> dx;\n"
     for u in range(-(-n_in // 8)):
         text += f"{{ unsigned v[4]; load_unit(own_unit(area + {4 * plan.dx}, {blocks}, {u}), v);\n"
         for k in range(8 * u, min(8 * u + 8, n_in)):
-            text += f"dx.c[{k}] = {('low', 'high')[k % 2]}(v[{k % 8 // 2}]);\n"
+            text += f"dx.c[{k}] = {C_TYPES[dtype]}({('low', 'high')[k % 2]}(v[{k % 8 // 2}]));\n"
         text += "}\n"
     return unrolled(text + "return dx;\n")
