@@ -109,13 +109,19 @@ class Trainer:
         options.decay = average or 0.0
         return options
 
-    def gradient(self) -> None:
-        """The gradient of the next step's batches, without the step: for those who look at it."""
+    def gradient(self) -> np.ndarray:
+        """The gradient of the loss of the next step, which is not taken; float32 [net.master.size]."""
+        self._gradient()
+        total = self.launches.gathered()
+        self.net.gradient.zero_()
+        return total / (self.progress.scale.numpy()[self.index % 2] * self.batch_of(self.index) * self.batches)
+
+    def _gradient(self) -> None:
         for micro in range(self.batches):
             self.launches.gradient(micro)
 
     def _step(self) -> None:
-        self.gradient()
+        self._gradient()
         self.launches.update()
 
     def _launch(self, steps: int) -> None:

@@ -10,6 +10,7 @@ import warp as wp
 
 from kernels.coopvec.spec import Parameters
 from kernels.losses import Loss
+from kernels.training.encoded import make_adjoint_rows_kernel, make_encode_rows_kernel, row_type
 from kernels.training.general import collect_kernel, make_loss_kernel, make_sample_kernel
 from kernels.training.plan import make_plan
 from kernels.training.progress import Progress
@@ -35,7 +36,7 @@ class General:
         self.x = wp.zeros(size, dtype=net.vec_in, device=device)
         self.target = wp.zeros(size, dtype=wp.types.vector(spec.sizes[-1], float), device=device)
         self.losses = wp.zeros(size, dtype=float, device=device, requires_grad=True)
-        self.ones = wp.ones(size, dtype=float, device=device)
+        self.seed = wp.full(size, progress.scale.numpy()[0], dtype=float, device=device)
 
     def gradient(self, micro: int) -> None:
         launch = {"dim": self.losses.size, "device": self.net.device, "block_dim": TILE, "record_tape": False}
@@ -43,7 +44,7 @@ class General:
         inputs = [self.net.params, self.progress, self.x, self.target, self.losses]
         wp.launch(self.loss, inputs=inputs, **launch)
         wp.launch(collect_kernel, inputs=[self.progress, self.options.batches, self.losses], **launch)
-        wp.copy(self.losses.grad, self.ones)
+        wp.copy(self.losses.grad, self.seed)
         wp.launch(
             self.loss, inputs=inputs, adj_inputs=[Parameters(), Progress(), None, None, None], adjoint=True, **launch
         )
@@ -52,9 +53,16 @@ class General:
         update_from_gradient(self.net, self.optimizer, self.progress, self.options, 0, last=True)
         self.net.pack()
 
+    def gathered(self) -> np.ndarray:
+        """The sum of the gradients, in the order of `net.master`."""
+        return self.net.gradient.numpy().copy()
+
 
 class FusedCuda:
-    """One kernel for samples, forward, loss and gradients, one for the update of all parameters."""
+    """One kernel for samples, forward, loss and gradients, one for the update of all parameters.
+
+    An encoding with parameters has one kernel before and one after it, and an update of its own.
+    """
 
     def __init__(
         self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
@@ -62,8 +70,14 @@ class FusedCuda:
         self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
         self.plan, device = make_plan(net.spec), net.device
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
-        self.has_adjoint = adjoint is not None
-        self.kernel = make_gradient_kernel(net.spec, sample, loss, net.encode if net.encoding else None, adjoint)
+        self.by_rows = adjoint is not None
+        encode = net.encode if net.encoding and not self.by_rows else None
+        self.kernel = make_gradient_kernel(net.spec, sample, loss, encode, self.by_rows)
+        width, format = net.spec.sizes[0], net.spec.format
+        if self.by_rows:
+            self.encode = make_encode_rows_kernel(sample, net.encode, width, format)
+            self.adjoint = make_adjoint_rows_kernel(sample, adjoint, width, format)
+        self.rows = wp.zeros((batch if self.by_rows else 0, width), dtype=row_type(format), device=device)
         self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec)
         blocks = min(device.sm_count * self.plan.blocks, -(-batch // self.plan.threads))
         self.partial = wp.zeros((blocks, self.plan.slice), dtype=float, device=device)
@@ -71,32 +85,28 @@ class FusedCuda:
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
 
     def gradient(self, micro: int) -> None:
-        wp.launch(
-            self.kernel,
-            dim=self.partial.shape[0] * self.plan.threads,
-            inputs=[self.net.params, self.data, self.progress, micro, self.partial],
-            block_dim=self.plan.threads,
-            device=self.net.device,
-            record_tape=False,
-        )
+        inputs = [self.net.params, self.data, self.progress, micro]
+        if self.by_rows:
+            self._launch(self.encode, self.rows.shape[0], [*inputs, self.rows])
+        threads = self.plan.threads
+        self._launch(self.kernel, self.partial.shape[0] * threads, [*inputs, self.partial, self.rows], threads)
+        if self.by_rows:
+            self._launch(self.adjoint, self.rows.shape[0], [*inputs, self.rows])
+
+    def _launch(self, kernel: wp.Kernel, dim: int, inputs: list, block_dim: int = TILE) -> None:
+        wp.launch(kernel, dim, inputs, device=self.net.device, block_dim=block_dim, record_tape=False)
 
     def update(self) -> None:
         net = self.net
-        if self.has_adjoint:
+        if self.by_rows:
             update_from_gradient(net, self.optimizer, self.progress, self.options, net.encoding_start, last=False)
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
-        wp.launch(
-            self.update_kernel,
-            dim=-(-(self.plan.floats + 1) // GROUP) * BLOCK,
-            inputs=[self.progress, self.options, *arrays],
-            block_dim=BLOCK,
-            device=net.device,
-            record_tape=False,
-        )
+        dim = -(-(self.plan.floats + 1) // GROUP) * BLOCK
+        self._launch(self.update_kernel, dim, [self.progress, self.options, *arrays], BLOCK)
 
     def gathered(self) -> np.ndarray:
-        """The gradient of the last batch, as `net.gradient` would hold it, scaled; for comparison."""
-        gradient = self.net.gradient.numpy().copy()
+        """The sum of the gradients, scaled, in the order of `net.master`."""
+        gradient = self.net.gradient.numpy().copy()  # of the encoding
         order, total = self.order.numpy(), self.partial.numpy().sum(0, dtype=np.float64)[: self.plan.floats]
         gradient[order[order >= 0]] = total[order >= 0]
         return gradient
