@@ -15,7 +15,14 @@ from kernels.training.general import collect_kernel, make_loss_kernel, make_samp
 from kernels.training.plan import make_plan
 from kernels.training.progress import Progress
 from kernels.training.step import make_gradient_kernel
-from kernels.training.update import BLOCK, GROUP, Update, make_fused_update_kernel, make_update_kernel
+from kernels.training.update import (
+    GROUP,
+    PER_THREAD,
+    Update,
+    make_fused_update_kernel,
+    make_update_kernel,
+    update_block,
+)
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
@@ -101,8 +108,9 @@ class FusedCuda:
         if self.by_rows:
             update_from_gradient(net, self.optimizer, self.progress, self.options, net.encoding_start, last=False)
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
-        dim = -(-(self.plan.floats + 1) // GROUP) * BLOCK
-        self._launch(self.update_kernel, dim, [self.progress, self.options, *arrays], BLOCK)
+        block = update_block(self.plan)
+        dim = -(-(self.plan.floats + 1) // GROUP) * block
+        self._launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block)
 
     def gathered(self) -> np.ndarray:
         """The sum of the gradients, scaled, in the order of `net.master`."""
@@ -116,7 +124,7 @@ def update_from_gradient(net: MLP, optimizer, progress: Progress, options: Updat
     """Update the parameters from `first` on from `net.gradient`, which is cleared."""
     wp.launch(
         make_update_kernel(optimizer.update),
-        dim=net.master.size - first,
+        dim=-(-(net.master.size - first) // PER_THREAD),
         inputs=[progress, options, first, last, net.gradient, net.master],
         device=net.device,
         record_tape=False,

@@ -6,35 +6,47 @@ import warp as wp
 
 from kernels.coopvec.formats import make_encode
 from kernels.coopvec.spec import NetworkSpec
-from kernels.training.plan import make_plan
+from kernels.training.plan import Plan, make_plan
 from kernels.training.progress import Progress, batch_of, rate_of
 
 GROUP = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
-BLOCK = 8 * GROUP  # threads of it: warp w adds up the slices w, w + 8, ...
+PER_THREAD = 8  # parameters in the general form, which share what all have in common
 
 
-@wp.func_native(
-    f"""
-#if defined(__CUDA_ARCH__)
+def update_block(plan: Plan) -> int:
+    """Threads of a block: warp w adds up the slices w, w + warps, ... More are faster as long as all fit at once."""
+    return GROUP * (16 if plan.floats < 128 * GROUP else 8)
+
+
+def sum_text(block: int) -> str:
+    return f"""#if defined(__CUDA_ARCH__)
 using real = wp::float32;
-__shared__ real sums[{BLOCK}];
+__shared__ real sums[{block}];
 const unsigned warp = threadIdx.x / 32u, lane = threadIdx.x % 32u;
-const integer blocks = partial.shape[0], slice = partial.shape[1];
+const wp::int32 blocks = partial.shape[0], slice = partial.shape[1];
 real total = 0.0f;
 if (column < slice) {{
 #pragma unroll 9
-    for (integer b = warp; b < blocks; b += {BLOCK // GROUP}) total += partial.data[b * slice + column];
+    for (wp::int32 b = warp; b < blocks; b += {block // GROUP}) total += partial.data[b * slice + column];
 }}
 sums[threadIdx.x] = total;
 __syncthreads();
-if (warp == 0) for (integer w = 1; w < {BLOCK // GROUP}; ++w) total += sums[w * {GROUP} + lane];
+if (warp == 0) for (unsigned w = 1; w < {block // GROUP}u; ++w) total += sums[w * {GROUP} + lane];
 return total;
 #else
 return 0.0f;
 #endif
-""".replace("integer", "wp::int32")
-)
-def sum_of_column(partial: wp.array2d[float], column: int) -> float: ...
+"""
+
+
+@cache
+def make_sum_of_column(block: int) -> wp.Function:
+    """`(partial, column) -> sum over the rows`, to the first warp of a block of `block` threads."""
+
+    @wp.func_native(sum_text(block))
+    def sum_of_column(partial: wp.array2d[float], column: int) -> float: ...
+
+    return sum_of_column
 
 
 @wp.func_native("reinterpret_cast<unsigned short*>(packed.data)[element] = static_cast<unsigned short>(bits);\n")
@@ -118,7 +130,9 @@ def advance(progress: Progress, dynamic: bool):
 
 @cache
 def make_update_kernel(update: wp.Function) -> wp.Kernel:
-    """The general form, from parameter `first` on: gradients lie in `gradient`, which is cleared. last: of the step."""
+    """The general form, from parameter `first` on: gradients lie in `gradient`, which is cleared. last: of the step.
+
+    dim ceil(parameters / PER_THREAD)."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def update_kernel(
@@ -130,13 +144,16 @@ def make_update_kernel(update: wp.Function) -> wp.Kernel:
         master: wp.array[float],
     ):
         thread = wp.tid()
-        i = first + thread
         rates = rates_of(progress, options)
-        if not rates.skip:
-            state = wp.vec3(master[i], options.first[i], options.second[i])
-            state = update(gradient[i] * rates.mean, state, rates.rate, rates.corrections, options.settings)
-            store(i, state, rates, options, master)
-        gradient[i] = 0.0
+        threads = (master.shape[0] - first + wp.static(PER_THREAD - 1)) / wp.static(PER_THREAD)
+        for part in range(wp.static(PER_THREAD)):
+            i = first + part * threads + thread
+            if i < master.shape[0]:
+                if not rates.skip:
+                    state = wp.vec3(master[i], options.first[i], options.second[i])
+                    state = update(gradient[i] * rates.mean, state, rates.rate, rates.corrections, options.settings)
+                    store(i, state, rates, options, master)
+                gradient[i] = 0.0
         if last and thread == 0:
             advance(progress, options.dynamic)
 
@@ -145,12 +162,14 @@ def make_update_kernel(update: wp.Function) -> wp.Kernel:
 
 @cache
 def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec) -> wp.Kernel:
-    """After `make_gradient_kernel`: dim (ceil((plan.floats + 1) / GROUP) * BLOCK), block_dim BLOCK.
+    """After `make_gradient_kernel`: dim ceil((plan.floats + 1) / GROUP) * update_block(plan).
 
     order: which parameter each column of `partial` is (-1: padding). target: where the parameter lies in `packed`, in
     16-bit elements; ~word for a float32 bias.
     """
-    encode, floats = make_encode(spec.format), wp.constant(make_plan(spec).floats)
+    plan = make_plan(spec)
+    encode, floats, block = make_encode(spec.format), wp.constant(plan.floats), update_block(plan)
+    sum_of_column = make_sum_of_column(block)
 
     @wp.kernel(module="unique", enable_backward=False)
     def update_kernel(
@@ -163,8 +182,8 @@ def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec) -> wp.Kerne
         packed: wp.array[wp.uint32],
     ):
         thread = wp.tid()
-        updates = thread % wp.static(BLOCK) < wp.static(GROUP)
-        column = thread / wp.static(BLOCK) * wp.static(GROUP) + thread % wp.static(GROUP)
+        updates = thread % wp.static(block) < wp.static(GROUP)
+        column = thread / wp.static(block) * wp.static(GROUP) + thread % wp.static(GROUP)
         # all that can be read before the sum is, for that too waits for memory
         i = int(-1)
         place = int(0)
