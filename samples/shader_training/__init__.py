@@ -1,0 +1,1 @@
+"""A shader learned by a network: RTXNS's samples."""

@@ -1,0 +1,78 @@
+"""The main job: a network learns the Disney BRDF, as in RTXNS's "ShaderTraining", and lights a sphere with it.
+
+    python -m samples.shader_training [--network FILE] [--base-color R G B] [--roughness 0.4] [--light X Y Z]
+
+Five numbers go in, N.L, N.V, N.H, L.H and the roughness, six sines and cosines of each; four terms come out of three
+layers of 32 neurons in float16. Leaves the network in three forms, the spheres and a sheet over roughness and light.
+With `--network` nothing is trained: any 30-32-32-32-4 of RTXNS (.bin or .json) or of ours is measured and shown.
+"""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+
+import warp_neural as wn
+from samples.shader_training.evaluate import evaluate
+from samples.shader_training.figures import save_sheet, save_spheres
+from samples.shader_training.look import LookConfig, check, light_of, surface_of
+from samples.shader_training.spheres import render
+from samples.shader_training.train import Recipe, load, make_net, save, train
+from warp_neural import cli
+from warp_neural.files import atomic_path
+
+ANGLES = np.linspace(0, 90, 6)  # degrees between light and view, of the sheet
+ROUGHNESS = np.linspace(0.3, 1.0, 5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(LookConfig):
+    epochs: int | None = None
+    """of 100 steps each; none: 250 on the CPU, 1600 on CUDA"""
+    batch: int | None = None
+    """samples of a step; none: 1024 on the CPU, 65,536 on CUDA"""
+    rate: float = 1e-2
+    """Adam's learning rate at the start"""
+    samples: int = 1 << 20
+    """held-out samples for the errors"""
+    gain: float = 20.0
+    """factor on the difference in the pictures"""
+
+
+def main(config: Config) -> dict:
+    check(config)
+    device = cli.resolve_device(config.device)
+    seconds, trained = 0.0, 0
+    if config.network:
+        net = load(config.network, device)
+    else:
+        net = make_net(device, config.seed)
+        defaults = Recipe(1600, 1 << 16) if device.is_cuda else Recipe(250, 1024)
+        recipe = Recipe(config.epochs or defaults.epochs, config.batch or defaults.batch, config.rate)
+        seconds, trained = train(net, recipe, seed=config.seed, quiet=config.json), recipe.steps * recipe.batch
+        save(net, config.out)
+    metrics = evaluate(net, samples=config.samples, seed=config.seed)
+    metrics |= {"samples": config.samples, "samples_train": trained, "seconds_train": seconds}
+    metrics |= {"parameters": net.n_parameters, "device": device.name if device.is_cuda else "cpu"}
+    metrics["psnr_sphere"] = draw_pictures(config, net, metrics["relative_error"])
+    with atomic_path(config.out / "metrics.json") as path:
+        path.write_text(json.dumps(metrics, indent=2) + "\n")
+    return metrics
+
+
+def draw_pictures(config: Config, net: wn.MLP, error: float) -> float:
+    """spheres.png and sheet.png; the PSNR in dB of the neural sphere's displayed values."""
+    surface, light = surface_of(config), light_of(config)
+    analytic, neural = render(net, surface, np.array([config.roughness]), light[None], config.size)[:, 0]
+    title = f"roughness {config.roughness:g}, metallic {config.metallic:g}; mean relative error {error:.2%}"
+    save_spheres(config.out / "spheres.png", analytic, neural, config.gain, title)
+    angles = np.radians(np.tile(ANGLES, len(ROUGHNESS)))
+    lights = np.stack([np.sin(angles), np.zeros_like(angles), np.cos(angles)], axis=-1)
+    pictures = render(net, surface, np.repeat(ROUGHNESS, len(ANGLES)), lights, max(config.size // 4, 1))
+    pictures = pictures.reshape(2, len(ROUGHNESS), len(ANGLES), *pictures.shape[2:])
+    save_sheet(config.out / "sheet.png", pictures, ROUGHNESS, ANGLES, config.gain)
+    return float(-10 * np.log10(max(np.square(neural - analytic, dtype=np.float64).mean(), 1e-12)))
+
+
+if __name__ == "__main__":
+    cli.run(main, Config)

@@ -1,0 +1,48 @@
+"""How far a network is from the terms."""
+
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+import warp_neural as wn
+from samples.shader_training.disney import draw
+from warp_neural.shading import random_stream
+
+HELD_OUT = 0x5EED  # added to the seed: samples that no training step draws
+
+
+@cache
+def make_error_kernel(func: wp.Function) -> wp.Kernel:
+    """dim (samples): errors of `func(params, x)`."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def error_kernel(params: wn.MLP.Params, seed: int, errors: wp.array[float], by_term: wp.array[wp.vec4]):
+        i = wp.tid()
+        x, terms = draw(i, random_stream(seed, 0, i))
+        y = func(params, x)
+        error = wp.vec4()
+        relative = wp.vec4()
+        for k in range(4):
+            error[k] = y[k] - terms[k]
+            relative[k] = wp.abs(error[k]) / (wp.abs(terms[k]) + 0.01)
+        errors[i] = wp.length(error) / wp.length(terms)
+        by_term[i] = relative
+
+    return error_kernel
+
+
+def evaluate(net: wn.MLP, *, samples: int = 1 << 20, seed: int = 0) -> dict[str, float | list[float]]:
+    """Errors over `samples` inputs drawn as in training: ||prediction - terms|| / ||terms|| of all four terms together,
+    mean and median, and of each term the mean of |error| / (|term| + 0.01).
+    """
+    errors = wp.empty(samples, dtype=float, device=net.device)
+    by_term = wp.empty(samples, dtype=wp.vec4, device=net.device)
+    inputs = [net.params, seed + HELD_OUT, errors, by_term]
+    wp.launch(make_error_kernel(net.func), dim=samples, inputs=inputs, device=net.device, record_tape=False)
+    values = errors.numpy()
+    return {
+        "relative_error": float(values.mean(dtype=np.float64)),
+        "relative_error_median": float(np.median(values)),
+        "relative_error_per_term": by_term.numpy().mean(axis=0, dtype=np.float64).tolist(),
+    }

@@ -1,0 +1,69 @@
+"""The network, how it is trained, and where it is kept."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import warp as wp
+
+import warp_neural as wn
+from samples.shader_training.disney import ENCODING, N_IN, N_OUT, draw
+from warp_neural.convert import Form
+
+EPOCH = 100  # steps
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Adam on the relative L2 of the terms, weighted as in RTXNS; the rate falls on a cosine to 0."""
+
+    epochs: int
+    batch: int
+    rate: float = 1e-2
+
+    @property
+    def steps(self) -> int:
+        return self.epochs * EPOCH
+
+
+LOSS = wn.losses.relative_l2.weighted(1, 10, 1, 5)
+
+
+def make_net(device: wp.DeviceLike, seed: int) -> wn.MLP:
+    """30-32-32-32-4, the network of RTXNS's shader training."""
+    exponential = wn.activations.exponential
+    return wn.MLP(
+        N_IN, N_OUT, width=32, depth=3, encoding=ENCODING, output_activation=exponential, seed=seed, device=device
+    )
+
+
+def train(net: wn.MLP, recipe: Recipe, *, seed: int, quiet: bool) -> float:
+    """Follow the recipe; the seconds it takes after the first step, which compiles."""
+    rates = wn.optim.cosine(recipe.rate, 0.0, recipe.steps)
+    trainer = wn.Trainer(net, sample=draw, loss=LOSS, optimizer=wn.optim.Adam(lr=rates), batch=recipe.batch, seed=seed)
+    trainer.run(1, quiet=True)
+    began = time.perf_counter()
+    trainer.run(recipe.steps - 1, quiet=quiet)
+    wp.synchronize_device(net.device)
+    return time.perf_counter() - began
+
+
+def load(path: Path, device: wp.DeviceLike) -> wn.MLP:
+    """A network of 5 inputs and 4 outputs from our file, or from one of RTXNS's with its encoding in front."""
+    if Form.of_file(path) is Form.SAFETENSORS:
+        net = wn.load_network(path, device=device)
+    else:
+        net = wn.load_rtxns(path, n_in=N_IN, encoding=ENCODING, device=device)
+    if (net.n_in, net.spec.sizes[-1]) != (N_IN, N_OUT):
+        raise wn.InputError(
+            f"{path}: {net.n_in} inputs and {net.spec.sizes[-1]} outputs; the BRDF has {N_IN} and {N_OUT}: "
+            "give a network by samples.shader_training"
+        )
+    return net
+
+
+def save(net: wn.MLP, folder: Path) -> None:
+    """In our form and both of RTXNS's."""
+    wn.save_network(net, folder / "network.safetensors")
+    wn.save_rtxns(net, folder / "network.ns.bin")
+    wn.save_rtxns(net, folder / "network.json")
