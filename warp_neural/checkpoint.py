@@ -77,7 +77,7 @@ def load_checkpoint(trainer: "Trainer", path: Path | str) -> None:
     net.master.assign(master)
     net.pack()
     trainer.progress.counters.assign(np.full(2, step, np.int32))
-    trainer.restart(step)
+    trainer.index = step
 
 
 def describe(data) -> str:

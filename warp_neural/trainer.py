@@ -23,6 +23,7 @@ from warp_neural.training_cpu import FusedCpu
 from warp_neural.training_steps import FusedCuda, General
 
 HISTORY = 1 << 14  # steps whose loss is kept on the device
+SAVE_SECONDS = 30  # between checkpoints
 CHECK = 32  # steps between looks at the loss; as many are one launch of a CUDA graph
 
 
@@ -89,7 +90,7 @@ class Trainer:
         self.options = self._options(average, kind is FusedCuda and loss_scale is None)
         arguments = (net, self.optimizer, self.progress, self.options, sample, data, loss, int(sizes.max()))
         self.launches = kind(*arguments)
-        self._graphs, self._skipped = {}, 0
+        self._graphs: dict[int, Any] = {}
 
     def _progress(self, scale: float) -> Progress:
         progress, device = Progress(), self.device
@@ -136,27 +137,37 @@ class Trainer:
             self._graphs[steps] = capture.graph
         wp.capture_launch(self._graphs[steps])
 
-    def run(self, steps: int, *, target: float = 0.0, quiet: bool = False) -> float:
+    def run(
+        self, steps: int, *, target: float = 0.0, checkpoint: Path | str | None = None, quiet: bool = False
+    ) -> float:
         """Take `steps` steps, fewer if `loss` falls below `target` before; returns the loss.
 
-        `loss` is looked at every 32 steps. A progress bar shows it, with samples a second, unless `quiet` or without a
-        terminal. Raises `InputError` where no gradient was finite for 32 steps; they left the parameters as they were.
+        `loss` is looked at every 32 steps. checkpoint: a file to `save` to every 30 seconds and at the end. A progress
+        bar shows the loss and samples a second, unless `quiet` or without a terminal. Raises `InputError` where no
+        gradient was finite for 32 steps; they left the parameters as they were.
         """
         if steps < 0:
             raise InputError(f"steps={steps}: a run has 0 or more")
         end, begin, samples = self.index + steps, time.perf_counter(), 0
+        saved = begin
         with tqdm(total=steps, disable=True if quiet else None, file=sys.stderr, unit="step") as bar:
             while self.index < end:
                 count = min(CHECK - self.index % CHECK, end - self.index)
                 self._launch(count)
                 samples += self.batches * sum(self.batch_of(i) for i in range(self.index, self.index + count))
                 self.index += count
-                loss = self._check()
-                rate = samples / (time.perf_counter() - begin)
+                self._check()
+                loss, now = self.loss, time.perf_counter()
+                if checkpoint and now - saved > SAVE_SECONDS:
+                    self.save(checkpoint)
+                    saved = now
+                rate = samples / (now - begin)
                 bar.set_postfix_str(f"loss {loss:.3g}, {rate:.3g} samples/s", refresh=False)
                 bar.update(count)
                 if loss < target:
                     break
+        if checkpoint:
+            self.save(checkpoint)
         return self.loss
 
     def batch_of(self, step: int) -> int:
@@ -172,8 +183,11 @@ class Trainer:
     @property
     def loss(self) -> float:
         """The mean loss of the last 32 steps; NaN before the first."""
-        last = self.losses[-CHECK:]
-        return float(last.mean()) if last.size else float("nan")
+        count = min(self.index, CHECK)
+        first = (self.index - count) % HISTORY
+        whole = first + count <= HISTORY
+        last = self.progress.losses[first : first + count].numpy() if whole else self.losses[-count:]
+        return float(last.mean()) if count else float("nan")
 
     @property
     def skipped(self) -> int:
@@ -187,20 +201,12 @@ class Trainer:
             raise InputError("no average was kept; make the Trainer with average=0.99, for example")
         return self.options.average.numpy().copy()
 
-    def _check(self) -> float:
-        good = self.progress.good.numpy()[self.index % 2]
-        if good == 0 and self.skipped - self._skipped >= CHECK:
+    def _check(self) -> None:
+        if self.progress.good.numpy()[self.index % 2] <= -CHECK:
             raise InputError(
                 f"training stopped at step {self.index}: no gradient was finite for {CHECK} steps. Look for NaN or "
                 "infinity in the data, lower the learning rate, or train in float32"
             )
-        if good > 0:
-            self._skipped = self.skipped
-        return self.loss
-
-    def restart(self, step: int) -> None:
-        """Count from `step` on; the device's counters are set already."""
-        self.index, self._skipped = step, int(self.progress.skipped.numpy()[step % 2])
 
     def save(self, path: Path | str) -> None:
         """Write all that the run needs to go on, whole or not at all, as safetensors."""

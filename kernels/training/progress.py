@@ -8,9 +8,9 @@ class Progress:
     """All on the device, so that a captured graph advances when it is replayed.
 
     counters: the step, as kernels of gradients read it and as those of updates do: each writes only the other's. By
-    parity of the step: flags, a gradient is not finite; skipped, steps skipped before; good, steps since then; scale,
-    of the gradients. batch, rates: samples and learning rate of step i, the last stays. losses: the mean loss of step i
-    at i % length.
+    parity of the step: flags, a gradient is not finite; skipped, steps skipped before; good, steps since then, or minus
+    those skipped in a row; scale, of the gradients. batch, rates: samples and learning rate of step i, the last stays.
+    losses: the mean loss of step i at i % length.
     """
 
     counters: wp.array[int]

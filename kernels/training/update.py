@@ -113,7 +113,7 @@ def advance(progress: Progress, dynamic: bool):
     now = step % 2
     later = 1 - now
     bad = progress.flags[now]
-    good = wp.where(bad > 0, 0, progress.good[now] + 1)
+    good = wp.where(bad > 0, wp.min(progress.good[now], 0) - 1, wp.max(progress.good[now], 0) + 1)
     scale = progress.scale[now]
     if dynamic and bad > 0:
         scale = wp.max(scale * 0.5, 1.0)
