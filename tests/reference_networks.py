@@ -75,7 +75,7 @@ MAGIC = np.float32(1.5 * 2**23)
 
 
 def mlp_rounded(weights, biases, activations, x, format, accumulation="float32", steps=None):
-    """The ReLU network as tensor cores compute it: rounded weights and vectors, float32 sums in the order of the inputs.
+    """The ReLU network as tensor cores compute it: rounded weights and vectors, float32 sums in order of the inputs.
 
     With float16 accumulation, sums are rounded after each block of 16 (float16) or 32 products (8 bits). steps
     `[layers, 2]`: of the inputs and of the weights, for int8.
