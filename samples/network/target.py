@@ -1,0 +1,60 @@
+"""What the steps share and do not teach: the target picture, its quality measure, saving."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from skimage import data
+
+from warp_neural.cli import CommonConfig
+from warp_neural.errors import InputError
+from warp_neural.image import linear_to_srgb, load_image, save_image, srgb_to_linear
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(CommonConfig):
+    """The options of every step."""
+
+    out: Path = Path("out/network")
+    """folder for pictures and files"""
+    image: Path | None = None
+    """picture to learn; none: a cup of coffee, a photograph that scikit-image carries"""
+    steps: int = 2000
+    """gradient steps"""
+    rate: float = 0.01
+    """Adam's learning rate at the start; it falls to a hundredth on a cosine"""
+    batch: int | None = None
+    """samples a step, whole 64 x 64 grids; none: one grid (4096) on the CPU, sixteen (65536) on CUDA"""
+
+
+def check(config: Config) -> None:
+    if config.steps < 1:
+        raise InputError(f"--steps {config.steps}: give at least 1")
+    if not 0 < config.rate < float("inf"):
+        raise InputError(f"--rate {config.rate}: give a positive number")
+    if config.batch is not None and (config.batch < 1 or config.batch % 4096):
+        raise InputError(f"--batch {config.batch}: give a multiple of 4096, the cells of the grid")
+
+
+def load_target(config: Config) -> np.ndarray:
+    """Linear float32 `[height, width, 3]`; grey becomes RGB, alpha is left out. Raises `InputError` for bad files."""
+    check(config)
+    if config.image is None:
+        return srgb_to_linear(data.coffee() / 255).astype(np.float32)
+    image = load_image(config.image)
+    return np.repeat(image, 3, axis=-1) if image.shape[-1] == 1 else np.ascontiguousarray(image[..., :3])
+
+
+def psnr(picture: np.ndarray, target: np.ndarray) -> float:
+    """Of two linear pictures as 8-bit sRGB, in dB: all pixels and channels, peak 255. Equal ones count as 99."""
+    error = np.square(srgb_codes(picture) - srgb_codes(target)).mean()
+    return float(10 * np.log10(255**2 / error)) if error else 99.0
+
+
+def srgb_codes(linear: np.ndarray) -> np.ndarray:
+    return np.rint(255 * linear_to_srgb(np.clip(linear, 0, 1)))
+
+
+def save_beside(path: Path, target: np.ndarray, picture: np.ndarray) -> None:
+    """The target on the left, the linear `picture` on the right."""
+    save_image(path, np.clip(np.concatenate([target, picture], axis=1), 0, 1), color_space="srgb")
