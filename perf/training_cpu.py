@@ -83,6 +83,19 @@ def make_trainer(config: Config, precision: str, fused: bool | None) -> Trainer:
     return trainer
 
 
+def torch_model(net: MLP):
+    """The network behind the encoding, with the same parameters."""
+    from torch import from_numpy, nn, no_grad
+
+    model = nn.Sequential(nn.Linear(32, 32), nn.ReLU(), nn.Linear(32, 32), nn.ReLU(), nn.Linear(32, 3))
+    layers = [layer for layer in model if isinstance(layer, nn.Linear)]
+    with no_grad():
+        for layer, weights, biases in zip(layers, net.weights, net.biases, strict=True):
+            layer.weight.copy_(from_numpy(weights))
+            layer.bias.copy_(from_numpy(biases))
+    return model
+
+
 def make_torch(config: Config) -> dict[str, Callable]:
     import torch
 
@@ -98,13 +111,7 @@ def make_torch(config: Config) -> dict[str, Callable]:
         return torch.stack([angles.sin(), angles.cos()], -1).flatten(1), torch.stack([u, u * v, (1 - u) * v], 1)
 
     def make_step(draw_samples: Callable) -> Callable:
-        linear, relu = torch.nn.Linear, torch.nn.ReLU
-        model = torch.nn.Sequential(linear(32, 32), relu(), linear(32, 32), relu(), linear(32, 3))
-        layers = [layer for layer in model if isinstance(layer, linear)]
-        with torch.no_grad():
-            for layer, weights, biases in zip(layers, net.weights, net.biases, strict=True):
-                layer.weight.copy_(torch.from_numpy(weights))
-                layer.bias.copy_(torch.from_numpy(biases))
+        model = torch_model(net)
         optimizer = torch.optim.Adam(model.parameters(), lr=1e-3)
 
         def gradient():

@@ -92,7 +92,6 @@ def test_gradient(n_in, n_out, width, depth, hidden, output, precision, n):
     "precision, accumulation, dtype",
     [
         ("float16", "float16", float),
-        ("bfloat16", "float32", float),
         ("e4m3", "float16", float),
         ("float16", "float32", wp.float16),
     ],

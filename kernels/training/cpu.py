@@ -14,13 +14,12 @@ from functools import cache
 
 import warp as wp
 
-from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec.cpu import LANES, PRELUDE, ROUND, result
 from kernels.coopvec.layout import bias_joins_relu, network_layout
 from kernels.coopvec.spec import NetworkSpec, round_up
+from kernels.training.cuda import LIFTED
 
 CHUNK = 64  # samples, a multiple of ROWS
-LIFTED = (relu, leaky_relu, linear)  # activations whose derivative at f(z) is that at z
 
 ROWS = """
 #if defined(__AVX512F__)
@@ -29,6 +28,8 @@ constexpr int ROWS = 8;  // of a tile: 16 sums of 32 registers
 constexpr int ROWS = 2;
 #endif
 """
+
+PARAMETERS = "const real* const mine = reinterpret_cast<const real*>(params.packed.data);\n"
 
 
 def is_vector(expression: str) -> bool:
@@ -71,7 +72,7 @@ def enter(spec: NetworkSpec) -> str:
 
 def begin(spec: NetworkSpec) -> str:
     """`(params, scratch)`: turn the weights for the way back, clear the gradient."""
-    text = enter(spec) + "const real* const mine = reinterpret_cast<const real*>(params.packed.data);\n"
+    text = enter(spec) + PARAMETERS
     for l, layer in enumerate(network_layout(spec, False)[0]):
         k = round_up(layer.k, LANES)
         text += f"""for (int n = 0; n < {layer.n}; ++n) for (int k = 0; k < {layer.k}; ++k)
@@ -119,10 +120,10 @@ def gradient_name(layer: int) -> str:
     return f"d{layer % 2}"
 
 
-def tile(rows: str, columns: int, terms: str, a: str, b: str, start: str, between: str, finish: str) -> str:
+def tile(rows: str, columns: int, terms: str, a: str, b: str, start: str, finish: str, between="") -> str:
     """Sums c over t < `terms` of `a` (a float of row i) times `b` (a pointer to the vectors of columns from j on).
 
-    start: the sum's first value; between: C++ after every `terms`, the loop's end; finish: what uses `c` of (i, j).
+    start: the sum's first value; finish: what uses `c` of (i, j); between: what to do with all sums after each term.
     """
     vectors = 2 if columns % (2 * LANES) == 0 else 1
     each = f"""
@@ -152,16 +153,16 @@ def over_columns(columns: int) -> str:
     return f"for (int j0 = 0; j0 < {columns}; j0 += {2 * LANES if columns % (2 * LANES) == 0 else LANES})"
 
 
-def over_samples(columns: int, **products: str) -> str:
+def over_samples(columns: int, **product: str) -> str:
     """A product with a row for each sample; up to ROWS - 1 rows after the last are computed and never read."""
     return f"""{over_columns(columns)} for (int i0 = 0; i0 < count; i0 += ROWS) {{
-{tile("ROWS", columns, between=products.pop("between", ""), **products)}}}
+{tile("ROWS", columns, **product)}}}
 """
 
 
 def forward(spec: NetworkSpec) -> str:
     """`(params, scratch, count)`: all layers of the first `count` samples."""
-    text = enter(spec) + "const real* const mine = reinterpret_cast<const real*>(params.packed.data);\n"
+    text = enter(spec) + PARAMETERS
     k = round_up(spec.sizes[0], LANES)
     if ROUND[spec.format] != "return z;":
         text += f"for (int i = 0; i < count * {k}; i += {LANES}) store(h0 + i, rounded(load(h0 + i)));\n"

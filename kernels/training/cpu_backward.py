@@ -54,7 +54,6 @@ def weight_gradient(index: int, layer: LayerLayout) -> str:
         "a": f"{d}[t * {n_pad} + i]",
         "b": f"h{index} + t * {k} + j",
         "start": "v16(0.0f)",
-        "between": "",
         "finish": f"store({g}, load({g}) + c);",
     }
     return f"""{{ constexpr int REST = {n} % ROWS;

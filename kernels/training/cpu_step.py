@@ -12,6 +12,45 @@ from kernels.training.progress import Progress, batch_of
 
 
 @cache
+def make_rows(spec: NetworkSpec, vec_in: type):
+    """Access to vectors of sample i of a chunk: write_input, read_result, write_gradient, read_input_gradient."""
+    vec_gradient, vec_out = (wp.types.vector(n, wp.float32) for n in (spec.sizes[0], spec.sizes[-1]))
+
+    @wp.func_native(cpu.write_input(spec))
+    def write_input(scratch: wp.array[float], i: int, x: vec_in): ...
+
+    @wp.func_native(cpu.read_result(spec))
+    def read_result(scratch: wp.array[float], i: int) -> vec_out: ...
+
+    @wp.func_native(cpu.write_gradient(spec))
+    def write_gradient(scratch: wp.array[float], i: int, dy: vec_out): ...
+
+    @wp.func_native(cpu.read_input_gradient(spec))
+    def read_input_gradient(scratch: wp.array[float], i: int) -> vec_gradient: ...
+
+    return write_input, read_result, write_gradient, read_input_gradient
+
+
+@cache
+def make_passes(spec: NetworkSpec, input_gradient: bool):
+    """What a chunk goes through: begin and finish once a batch, forward and backward for `count` samples."""
+
+    @wp.func_native(cpu.begin(spec))
+    def begin(params: Parameters, scratch: wp.array[float]): ...
+
+    @wp.func_native(cpu.forward(spec))
+    def forward(params: Parameters, scratch: wp.array[float], count: int): ...
+
+    @wp.func_native(cpu_backward.backward(spec, input_gradient))
+    def backward(scratch: wp.array[float], count: int): ...
+
+    @wp.func_native(cpu_backward.finish(spec))
+    def finish(scratch: wp.array[float], gradient: wp.array[float]) -> bool: ...
+
+    return begin, forward, backward, finish
+
+
+@cache
 def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, encode=None, encode_adjoint=None):
     """dim 1, on the CPU. sample: `(index, random state, data) -> (x, target)`, or without data.
 
@@ -22,33 +61,10 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
     n_out, data, draw = spec.sizes[-1], data_type(sample), make_draw(sample)
     vec_in = encode.input_types["x"] if encode else spec.vec_in
     vec_first = wp.types.vector(spec.sizes[0], wp.float32) if encode else spec.vec_in
-    vec_gradient, vec_out = wp.types.vector(spec.sizes[0], wp.float32), wp.types.vector(n_out, wp.float32)
-    value, gradient_of = loss.value(n_out), loss.gradient(n_out)
+    vec_out, value, gradient_of = wp.types.vector(n_out, wp.float32), loss.value(n_out), loss.gradient(n_out)
     trains_encoding, chunk = encode_adjoint is not None, wp.constant(cpu.CHUNK)
-
-    @wp.func_native(cpu.begin(spec))
-    def begin(params: Parameters, scratch: wp.array[float]): ...
-
-    @wp.func_native(cpu.write_input(spec))
-    def write_input(scratch: wp.array[float], i: int, x: vec_first): ...
-
-    @wp.func_native(cpu.forward(spec))
-    def forward(params: Parameters, scratch: wp.array[float], count: int): ...
-
-    @wp.func_native(cpu.read_result(spec))
-    def read_result(scratch: wp.array[float], i: int) -> vec_out: ...
-
-    @wp.func_native(cpu.write_gradient(spec))
-    def write_gradient(scratch: wp.array[float], i: int, dy: vec_out): ...
-
-    @wp.func_native(cpu_backward.backward(spec, trains_encoding))
-    def backward(scratch: wp.array[float], count: int): ...
-
-    @wp.func_native(cpu.read_input_gradient(spec))
-    def read_input_gradient(scratch: wp.array[float], i: int) -> vec_gradient: ...
-
-    @wp.func_native(cpu_backward.finish(spec))
-    def finish(scratch: wp.array[float], gradient: wp.array[float]) -> bool: ...
+    write_input, read_result, write_gradient, read_input_gradient = make_rows(spec, vec_first)
+    begin, forward, backward, finish = make_passes(spec, trains_encoding)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gradient_kernel(
