@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_neural.files import atomic_path
-from warp_neural.image import save_image
+from warp_neural.image import linear_to_srgb, save_image
 
 
 def save_spheres(path: Path, analytic: np.ndarray, neural: np.ndarray, gain: float, title: str) -> None:
@@ -57,3 +57,21 @@ def save_figure(path: Path, figure) -> None:
 def save_picture(path: Path, displayed: np.ndarray) -> None:
     """Displayed values `[height, width, 3]` as they are."""
     save_image(path, np.clip(displayed, 0, 1), color_space="linear")
+
+
+def save_fits(path: Path, truth: np.ndarray, fits: dict[str, np.ndarray], metrics: dict[str, dict]) -> None:
+    """Linear pictures beside the truth, and twice the error of what is displayed below each."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.2 * (1 + len(fits)), 6.9), layout="constrained")
+    axes = figure.subplots(2, 1 + len(fits))
+    truth = linear_to_srgb(truth)
+    show(axes[0, 0], truth, "image")
+    axes[1, 0].axis("off")
+    axes[1, 0].text(0, 0.95, "Below each: error x 2.", va="top")
+    for column, (name, fit) in enumerate(fits.items(), start=1):
+        fit = linear_to_srgb(fit)
+        title = f"{name}\n{metrics[name]['psnr']:.2f} dB, {metrics[name]['parameters']} parameters"
+        show(axes[0, column], fit, title)
+        show(axes[1, column], 2 * np.abs(fit - truth), "")
+    save_figure(path, figure)
