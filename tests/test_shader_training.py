@@ -9,6 +9,7 @@ import reference_disney
 import warp as wp
 
 import warp_neural as wn
+from kernels.training.step import make_gradient_kernel
 from samples.shader_training import (
     __main__ as shader_training,
 )
@@ -18,8 +19,8 @@ from samples.shader_training import (
     step_03_model_exploration,
 )
 from samples.shader_training.disney import disney_terms, draw, vec5
-from samples.shader_training.evaluate import HELD_OUT, evaluate
-from samples.shader_training.train import make_net
+from samples.shader_training.evaluate import HELD_OUT, evaluate, make_error_kernel
+from samples.shader_training.train import LOSS, make_net
 from warp_neural.errors import InputError
 from warp_neural.image import load_image, save_image
 from warp_neural.shading import random_stream
@@ -41,6 +42,16 @@ def exact(params: wn.MLP.Params, x: vec5) -> wp.vec4:
 @wp.func
 def doubled(params: wn.MLP.Params, x: vec5) -> wp.vec4:
     return 2.0 * disney_terms(x)
+
+
+loss_value, loss_gradient = LOSS.value(4), LOSS.gradient(4)
+
+
+@wp.kernel(enable_backward=False)
+def loss_kernel(p: wp.array[wp.vec4], t: wp.array[wp.vec4], gradients: wp.array[wp.vec4], values: wp.array[float]):
+    i = wp.tid()
+    values[i] = loss_value(p[i], t[i])
+    gradients[i] = loss_gradient(p[i], t[i])
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +113,27 @@ def test_errors_of_a_network_against_float64(device, drawn):
     np.testing.assert_allclose(errors["relative_error_per_term"], by_term, rtol=1e-4)
 
 
+def test_loss_against_float64(device):
+    """And its gradient against differences of it, where the denominators stay."""
+    rng = np.random.default_rng(2)
+    t = np.exp(rng.uniform(-5, 3, (200, 4)))
+    p = t * np.exp(rng.normal(0, 1, t.shape) * rng.choice([0.001, 0.01, 1], t.shape))
+    arrays = [wp.array(a, dtype=wp.vec4, device=device) for a in (p, t, 0 * t)]
+    values = wp.zeros(len(t), dtype=float, device=device)
+    wp.launch(loss_kernel, dim=len(t), inputs=[*arrays, values], device=device)
+
+    def loss(q):
+        terms = LOSS.weights * np.sqrt((q - t) ** 2 + (0.005 * (p + 0.01)) ** 2) / (p + 0.01)
+        size = (t**2).sum(axis=1)
+        return terms.sum(axis=1) + np.sqrt(((q - t) ** 2).sum(axis=1) / size + 0.005**2)
+
+    np.testing.assert_allclose(values.numpy(), loss(p), rtol=1e-5)
+    for k in range(4):
+        step = 1e-5 * p * (np.arange(4) == k)
+        slope = (loss(p + step) - loss(p - step)) / (2 * step[:, k])
+        np.testing.assert_allclose(arrays[2].numpy()[:, k] * t[:, k], slope * t[:, k], rtol=2e-3, atol=1e-4)
+
+
 def predictions(net, xs):
     """In float64, of a float16 network's weights: 30-32-32-32-4 with 3 octaves of each input."""
     angles = np.pi * xs.astype(np.float64)[..., None] * [1, 2, 4]
@@ -134,6 +166,15 @@ def test_shader_training(common, tmp_path):
     assert step["psnr"] == pytest.approx(metrics["psnr_sphere"], abs=3) and step["psnr"] > 20
     picture = load_image(tmp_path / "step_01.png")
     assert picture.shape == (64, 128, 3) and picture.std() > 0.05
+
+
+def test_compiles_for_hopper(tmp_path):
+    net = make_net("cpu", seed=0)
+    kernels = [make_gradient_kernel(net.spec, draw, LOSS, net.encode), make_error_kernel(net.func)]
+    kernels.append(step_01_simple_inferencing.make_shade_kernel(net.func))
+    for kernel in kernels:
+        (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)
+        assert artifact.stat().st_size > 0
 
 
 def test_simple_inferencing_trains_its_own(common, tmp_path):

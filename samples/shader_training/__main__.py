@@ -17,7 +17,7 @@ from samples.shader_training.evaluate import evaluate
 from samples.shader_training.figures import save_sheet, save_spheres
 from samples.shader_training.look import LookConfig, check, light_of, surface_of
 from samples.shader_training.spheres import render
-from samples.shader_training.train import Recipe, load, make_net, save, train
+from samples.shader_training.train import LOSS, RTXNS_LOSS, Recipe, load, make_net, save, train
 from warp_neural import cli
 from warp_neural.files import atomic_path
 
@@ -28,11 +28,13 @@ ROUGHNESS = np.linspace(0.3, 1.0, 5)
 @dataclass(frozen=True, kw_only=True)
 class Config(LookConfig):
     epochs: int | None = None
-    """of 100 steps each; none: 250 on the CPU, 1600 on CUDA"""
+    """of 100 steps each; none: 400 on the CPU, 1600 on CUDA"""
     batch: int | None = None
     """samples of a step; none: 1024 on the CPU, 65,536 on CUDA"""
     rate: float = 1e-2
     """Adam's learning rate at the start"""
+    rtxns_loss: bool = False
+    """train by RTXNS's loss, the weighted relative L2, and not by what is measured"""
     samples: int = 1 << 20
     """held-out samples for the errors"""
     gain: float = 20.0
@@ -47,8 +49,9 @@ def main(config: Config) -> dict:
         net = load(config.network, device)
     else:
         net = make_net(device, config.seed)
-        defaults = Recipe(1600, 1 << 16) if device.is_cuda else Recipe(250, 1024)
-        recipe = Recipe(config.epochs or defaults.epochs, config.batch or defaults.batch, config.rate)
+        defaults = Recipe(1600, 1 << 16) if device.is_cuda else Recipe(400, 1024)
+        loss = RTXNS_LOSS if config.rtxns_loss else LOSS
+        recipe = Recipe(config.epochs or defaults.epochs, config.batch or defaults.batch, config.rate, loss)
         seconds, trained = train(net, recipe, seed=config.seed, quiet=config.json), recipe.steps * recipe.batch
         save(net, config.out)
     metrics = evaluate(net, samples=config.samples, seed=config.seed)

@@ -8,25 +8,26 @@ import warp as wp
 
 import warp_neural as wn
 from samples.shader_training.disney import ENCODING, N_IN, N_OUT, draw
+from samples.shader_training.loss import RelativeError
 from warp_neural.convert import Form
 
 EPOCH = 100  # steps
+LOSS = RelativeError("relative_error", "", "", (0.3, 1.0, 0.1, 0.2))
+RTXNS_LOSS = wn.losses.relative_l2.weighted(1, 10, 1, 5)
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """Adam on the relative L2 of the terms, weighted as in RTXNS; the rate falls on a cosine to 0."""
+    """Adam, its rate on a cosine from `rate` to 0. An epoch has 100 steps of `batch` samples."""
 
     epochs: int
     batch: int
     rate: float = 1e-2
+    loss: wn.losses.Loss = LOSS
 
     @property
     def steps(self) -> int:
         return self.epochs * EPOCH
-
-
-LOSS = wn.losses.relative_l2.weighted(1, 10, 1, 5)
 
 
 def make_net(device: wp.DeviceLike, seed: int) -> wn.MLP:
@@ -40,7 +41,9 @@ def make_net(device: wp.DeviceLike, seed: int) -> wn.MLP:
 def train(net: wn.MLP, recipe: Recipe, *, seed: int, quiet: bool) -> float:
     """Follow the recipe; the seconds it takes after the first step, which compiles."""
     rates = wn.optim.cosine(recipe.rate, 0.0, recipe.steps)
-    trainer = wn.Trainer(net, sample=draw, loss=LOSS, optimizer=wn.optim.Adam(lr=rates), batch=recipe.batch, seed=seed)
+    trainer = wn.Trainer(
+        net, sample=draw, loss=recipe.loss, optimizer=wn.optim.Adam(lr=rates), batch=recipe.batch, seed=seed
+    )
     trainer.run(1, quiet=True)
     began = time.perf_counter()
     trainer.run(recipe.steps - 1, quiet=quiet)
