@@ -10,6 +10,7 @@ from kernels import activations
 from kernels.activations import Activation
 from kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
 from kernels.coopvec.network import make_network
+from kernels.coopvec.rows import BLOCK, can_read_together, make_evaluate_kernel, make_of_row, make_of_row_together
 from kernels.coopvec.spec import FORMATS, INT8, NetworkSpec, Parameters, round_up, select_network
 from kernels.encodings.base import Encoding
 from kernels.encodings.network import make_encode_kernel, make_encoded
@@ -146,6 +147,25 @@ class MLP:
             device=self.device,
             record_tape=False,
         )
+
+    def evaluate(self, x: np.ndarray | wp.array) -> wp.array:
+        """Network 0 of each row of x [n, n_in]: [n, n_out], both of the dtype of the vectors. Forward only."""
+        dtype = self.spec.dtype
+        if not isinstance(x, wp.array):
+            x = wp.array(x, dtype=dtype, device=self.device)
+        if x.ndim != 2 or x.shape[1] != self.n_in or x.dtype is not dtype or x.device != self.device:
+            here, wanted = f"{x.shape} of {x.dtype.__name__}", f"[n, {self.n_in}] of {dtype.__name__}"
+            raise InputError(f"inputs {here} on {x.device.alias}: expected {wanted} on {self.device.alias}")
+        y = wp.empty((x.shape[0], self.spec.sizes[-1]), dtype=dtype, device=self.device)
+        kernel, dim = make_evaluate_kernel(self.of_row, self.vec_out), round_up(x.shape[0], BLOCK)
+        wp.launch(kernel, dim, [self.params, x, y], device=self.device, block_dim=BLOCK, record_tape=False)
+        return y
+
+    @cached_property
+    def of_row(self) -> wp.Function:
+        """`(params: net.Params, x: array2d [rows, n_in], row: int) -> net.vec_out`: `func` of a row. Forward only."""
+        together = self.encoding is None and self.implementation == "cooperative" and can_read_together(self.spec)
+        return make_of_row_together(self.spec, self.func) if together else make_of_row(self.func, self.vec_in)
 
     def to(self, device: wp.DeviceLike) -> "MLP":
         """Move to another device, gradients left behind; returns self."""

@@ -16,6 +16,7 @@ from kernels.coopvec.fragments import (
     masked_products,
     pre_activation,
     read_input,
+    stage_rows,
     start_tile,
     unrolled,
     write_rows,
@@ -27,18 +28,33 @@ from kernels.coopvec.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, TF32, Network
 
 def forward(spec: NetworkSpec) -> str:
     """The snippet's CUDA body."""
-    n_in, n_out, c_type = spec.sizes[0], spec.sizes[-1], C_TYPES[spec.dtype]
-    result = "using real = wp::float32; using Params = decltype(params);\n"
-    result += f"using X = wp::vec_t<{n_in}, {c_type}>; using Y = wp::vec_t<{n_out}, {c_type}>; Y y;\n"
     if spec.format.k_step == 0:
-        return result + cuda_scalar.forward(spec)
+        return types(spec) + cuda_scalar.forward(spec)
+    body = whole_warp(spec, read_input(spec, network_layout(spec, True)[0][0]))
+    return types(spec) + when_whole_warp(spec, body) + cuda_scalar.forward(spec)
+
+
+def forward_rows(spec: NetworkSpec) -> str:
+    """The body of `(params, x: array2d, row) -> y` for a whole warp with consecutive rows of x, see `rows`."""
+    return types(spec) + when_whole_warp(spec, whole_warp(spec, stage_rows(spec.sizes[0] // 8))) + "return y;\n"
+
+
+def types(spec: NetworkSpec) -> str:
+    n_in, n_out, c_type = spec.sizes[0], spec.sizes[-1], C_TYPES[spec.dtype]
+    return f"""using real = wp::float32; using Params = decltype(params);
+using X = wp::vec_t<{n_in}, {c_type}>; using Y = wp::vec_t<{n_out}, {c_type}>; Y y;
+"""
+
+
+def whole_warp(spec: NetworkSpec, read: str) -> str:
+    """All layers of a warp's 32 samples; `read` deals the inputs to the first layer's A operand."""
     layers, _ = network_layout(spec, True)
     blocks = max(layer.k_blocks(spec.format) for layer in layers)
     tiles, parts = layers[-1].n_pad // 8, 2 if packs_halves(spec) else 4
-    body = f"""{enter(spec)}
+    return f"""{enter(spec)}
 const unsigned long long first = __shfl_sync(0xffffffffu, key, 0);
 unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
-{read_input(spec, layers[0])}
+{read}
 if (__all_sync(0xffffffffu, key == first)) {{
 const unsigned* base = reinterpret_cast<const unsigned*>(first);
 const unsigned* row[4] = {{base, base, base, base}};
@@ -50,7 +66,6 @@ const unsigned* row[4] = {{base, base, base, base}};
 {write_output(spec, layers[-1])}
 return y;
 """
-    return result + when_whole_warp(spec, body) + cuda_scalar.forward(spec)
 
 
 def adjoint(spec: NetworkSpec) -> str:

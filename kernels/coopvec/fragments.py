@@ -35,6 +35,25 @@ __syncwarp();
 """
 
 
+def stage_rows(units: int) -> str:
+    """The same from memory: row `row` of `x` and those of the other lanes, which follow each other, 16 bytes a lane."""
+    return f"""const size_t pitch = x.strides[0];
+const size_t start = __shfl_sync(0xffffffffu, reinterpret_cast<size_t>(x.data) + row * pitch, 0);
+for (int c = 0; c < {units}; c += UNITS) {{
+for (unsigned i = 0; i < UNITS; ++i) {{
+    const unsigned r = (32 * i + lane) / UNITS, u = lane % UNITS;
+    if (c + u < {units}) asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
+        :: "r"(rows + (r * UNITS + (u ^ swizzled(r))) * 16), "l"(start + r * pitch + 16 * (c + u)) : "memory");
+}}
+asm volatile("cp.async.wait_all;" ::: "memory");
+__syncwarp();
+for (int b = c / 2; b < (c + UNITS) / 2 && b < {units // 2}; ++b)
+for (int m = 0; m < 2; ++m) gather(m, b, a[m][b]);
+__syncwarp();
+}}
+"""
+
+
 def write_rows(units: int, word: str, stores: list[str]) -> str:
     """Deal words back: `word` of unit u in row 8 i + g; `stores[u]` takes the thread's own unit `v`, a uint4."""
     reads = "\n".join(

@@ -1,0 +1,78 @@
+"""Networks whose inputs are rows of memory: a warp reads its rows together, straight to where its layers take them."""
+
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec import cuda
+from kernels.coopvec.memory import make_load, make_store
+from kernels.coopvec.spec import FLOAT16, NetworkSpec, Parameters
+
+BLOCK = 64  # threads of a block that evaluates rows: with few, more of a row is staged at a time
+FOLLOW = """
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
+if (__activemask() != 0xffffffffu) return false;
+const bool aligned = ((reinterpret_cast<size_t>(x.data) | x.strides[0]) & 15u) == 0u;
+const wp::int32 first = __shfl_sync(0xffffffffu, row, 0), lane = threadIdx.x & 31u;
+return __all_sync(0xffffffffu, aligned && row == first + lane);
+#else
+return false;
+#endif
+"""
+
+
+@wp.func_native(FOLLOW)
+def rows_follow(x: wp.array2d[wp.float16], row: int) -> bool:
+    """Whether a whole warp has rows of x that follow each other, aligned to 16 bytes; the same in all its lanes."""
+    ...
+
+
+@cache
+def make_of_row(func: wp.Function, vec_in: type) -> wp.Function:
+    """`(params, x: array2d [rows, n_in], row) -> func(params, x[row])`."""
+    load = make_load(vec_in._length_, vec_in._wp_scalar_type_)
+
+    @wp.func
+    def of_row(params: Parameters, x: wp.array2d(dtype=vec_in._wp_scalar_type_), row: int):
+        return func(params, load(x, row))
+
+    return of_row
+
+
+@cache
+def make_of_row_together(spec: NetworkSpec, network: wp.Function) -> wp.Function:
+    """The same, faster on CUDA, for networks whose first layer takes rows as they stand: `can_read_together`."""
+    vec_out, alone = spec.vec_out, make_of_row(network, spec.vec_in)
+
+    @wp.func_native(f"#if defined(__CUDA_ARCH__)\n{cuda.forward_rows(spec)}\n#else\nreturn {{}};\n#endif\n")
+    def together(params: Parameters, x: wp.array2d[wp.float16], row: int) -> vec_out: ...
+
+    @wp.func
+    def of_row(params: Parameters, x: wp.array2d[wp.float16], row: int) -> vec_out:
+        y = vec_out()
+        if rows_follow(x, row):
+            y = together(params, x, row)
+        else:
+            y = alone(params, x, row)
+        return y
+
+    return of_row
+
+
+def can_read_together(spec: NetworkSpec) -> bool:
+    return spec.format is FLOAT16 and spec.dtype is wp.float16 and spec.sizes[0] % 16 == 0
+
+
+@cache
+def make_evaluate_kernel(of_row: wp.Function, vec_out: type) -> wp.Kernel:
+    """`y[i] = of_row(params, x, i)` for every row; dim: the rows, rounded up to whole blocks."""
+    scalar, store = vec_out._wp_scalar_type_, make_store(vec_out._length_, vec_out._wp_scalar_type_)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"enable_mathdx_gemm": False})
+    def evaluate_kernel(params: Parameters, x: wp.array2d(dtype=scalar), y: wp.array2d(dtype=scalar)):
+        i = wp.tid()
+        result = of_row(params, x, wp.min(i, x.shape[0] - 1))
+        if i < x.shape[0]:
+            store(y, i, result)
+
+    return evaluate_kernel

@@ -1,0 +1,53 @@
+"""Networks of rows of memory: equal to the same network of vectors, however the rows lie."""
+
+import numpy as np
+import pytest
+import reference_encodings
+import reference_networks
+import warp as wp
+from networks import evaluate, random_biases, samples
+
+import warp_neural as wn
+from kernels.coopvec.rows import make_evaluate_kernel
+
+
+@pytest.mark.parametrize("n_in, width, precision", [(32, 32, "float16"), (48, 64, "float16"), (20, 16, "bfloat16")])
+@pytest.mark.parametrize("accumulation", ["float16", "float32"])
+def test_equals_the_network_of_vectors(device, n_in, width, precision, accumulation):
+    if precision == "bfloat16" and accumulation == "float16":
+        pytest.skip("bfloat16 sums in float32")
+    kind = {"precision": precision, "accumulation": accumulation, "dtype": wp.float16, "device": device}
+    net = random_biases(wn.MLP(n_in, 5, width, 2, **kind))
+    x = samples(256, n_in).astype(np.float16)
+    expected = evaluate(net, x).y
+    for n in (1, 31, 64, 100, 256):
+        assert (net.evaluate(x[:n]).numpy() == expected[:n]).all()
+    wide = wp.array(np.hstack([x, x[:, :8]]), dtype=wp.float16, device=device)
+    for first in (0, 1, 8):  # rows further apart, and not aligned to 16 bytes
+        part = wide[:, first : first + n_in]
+        assert (net.evaluate(part).numpy() == evaluate(net, part.numpy()).y).all()
+
+
+@pytest.mark.parametrize("implementation", ["cooperative", "per_thread", "tiled"])
+def test_with_an_encoding_and_of_every_implementation(device, implementation):
+    kind = {"encoding": wn.encodings.TriangleWave(2), "implementation": implementation, "precision": "float32"}
+    net, x = random_biases(wn.MLP(2, 3, 16, 1, device=device, **kind)), samples(70, 2)
+    functions = [reference_networks.ACTIVATIONS[name] for name in ("relu", "linear")]
+    encoded = reference_encodings.triangle_wave(x.astype(np.float64), 2)
+    expected = reference_networks.mlp(net.weights, net.biases, functions, encoded)
+    np.testing.assert_allclose(net.evaluate(x).numpy(), expected, rtol=1e-5, atol=1e-6)
+    assert net.evaluate(np.zeros((0, 2), np.float32)).shape == (0, 3)
+
+
+def test_inputs_that_do_not_fit(device):
+    net = wn.MLP(2, 3, 16, 1, device=device)
+    for x in (np.zeros((4, 3)), np.zeros(4), wp.zeros((4, 2), dtype=wp.float16, device=device)):
+        with pytest.raises(wn.InputError, match=r"expected \[n, 2\] of float32"):
+            net.evaluate(x)
+
+
+def test_compiles_for_hopper(tmp_path):
+    net = wn.MLP(64, 16, 64, 2, dtype=wp.float16, device="cpu")
+    kernel = make_evaluate_kernel(net.of_row, net.vec_out)
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
