@@ -18,7 +18,7 @@ class Config(CommonConfig):
     out: Path = Path("out/network")
     """folder for pictures and files"""
     image: Path | None = None
-    """picture to learn; none: a cup of coffee, a photograph that scikit-image carries"""
+    """picture to learn; none: 256 x 256 of NASA's photograph of Eileen Collins, which scikit-image carries"""
     steps: int = 2000
     """gradient steps"""
     rate: float = 0.01
@@ -40,7 +40,7 @@ def load_target(config: Config) -> np.ndarray:
     """Linear float32 `[height, width, 3]`; grey becomes RGB, alpha is left out. Raises `InputError` for bad files."""
     check(config)
     if config.image is None:
-        return srgb_to_linear(data.coffee() / 255).astype(np.float32)
+        return srgb_to_linear(data.astronaut()[:256, 96:352] / 255).astype(np.float32)
     image = load_image(config.image)
     return np.repeat(image, 3, axis=-1) if image.shape[-1] == 1 else np.ascontiguousarray(image[..., :3])
 
