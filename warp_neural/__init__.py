@@ -15,6 +15,7 @@ from warp_neural.density import Density
 from warp_neural.errors import InputError
 from warp_neural.network import MLP
 from warp_neural.network_file import load_network, save_network
+from warp_neural.sorting import sort_by_network
 from warp_neural.trainer import Trainer
 
 __all__ = [
@@ -33,4 +34,5 @@ __all__ = [
     "sampling_2d",
     "save_network",
     "save_rtxns",
+    "sort_by_network",
 ]
