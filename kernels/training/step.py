@@ -1,6 +1,7 @@
-"""The kernels of a fused training step, one factory per kernel, and what they share on the device."""
+"""The fused kernel of a training step on CUDA: samples, forward, loss, backward and the sums of gradients."""
 
 from functools import cache
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -14,8 +15,94 @@ from kernels.training.plan import make_plan
 from kernels.training.progress import Progress, batch_of
 
 
-def cuda_only(text: str, otherwise: str) -> str:
+class Parts(NamedTuple):
+    """The native functions that a fused kernel is made of, see `cuda`, `cuda_backward` and `cuda_finish`."""
+
+    begin: wp.Function
+    forward: wp.Function
+    upper_layers: wp.Function
+    first_layer: wp.Function
+    input_gradient: wp.Function
+    finish: wp.Function
+
+
+def cuda_only(text: str, otherwise: str = "") -> str:
     return f"#if defined(__CUDA_ARCH__)\n{text}\n#else\n{otherwise}\n#endif\n"
+
+
+@cache
+def make_parts(spec: NetworkSpec, x_type: type, input_gradient: bool) -> Parts:
+    """x_type: of the elements of the network's inputs and their gradients."""
+    plan = make_plan(spec)
+    vec_in, vec_out = wp.types.vector(spec.sizes[0], x_type), wp.types.vector(spec.sizes[-1], wp.float32)
+    shared, sums = wp.tile(dtype=wp.uint32, shape=(plan.words,)), wp.types.vector(plan.sums, wp.float32)
+
+    @wp.func_native(cuda_only(cuda.begin(spec, plan)))
+    def begin(params: Parameters, memory: shared): ...
+
+    @wp.func_native(cuda_only(cuda.forward(spec, plan), "return {};"))
+    def forward(params: Parameters, memory: shared, x: vec_in) -> vec_out: ...
+
+    @wp.func_native(cuda_only(cuda_backward.upper_layers(spec, plan), "return sums;"))
+    def upper_layers(memory: shared, sums: sums, z: vec_out, dy: vec_out) -> sums: ...
+
+    @wp.func_native(cuda_only(cuda_backward.first_layer(spec, plan, input_gradient), "return sums;"))
+    def first_layer(memory: shared, sums: sums) -> sums: ...
+
+    @wp.func_native(cuda_only(cuda_backward.input_gradient(spec, plan, x_type), "return {};"))
+    def dx(memory: shared) -> vec_in: ...
+
+    @wp.func_native(cuda_only(cuda_finish.finish(plan)))
+    def finish(
+        memory: shared,
+        sums: sums,
+        loss: float,
+        partial: wp.array2d[float],
+        flags: wp.array[int],
+        parity: int,
+        add: bool,
+    ): ...
+
+    return Parts(begin, forward, upper_layers, first_layer, dx, finish)
+
+
+@cache
+def make_input(encode: wp.Function | None, vec_in: type, by_rows: bool) -> wp.Function:
+    """`(params, x, rows, i) -> the network's input`: x, encoded if it is to be, or row i."""
+    load = make_load(vec_in._length_, vec_in._wp_scalar_type_)
+
+    @wp.func
+    def input(params: Parameters, x: Any, rows: wp.array2d(dtype=Any), i: int):
+        if wp.static(by_rows):
+            return load(rows, i)
+        elif wp.static(encode is not None):
+            return encode(params, x)
+        else:
+            return x
+
+    return input
+
+
+@cache
+def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
+    """`(z, target, inside, scale) -> (loss, its scaled gradient)` of one sample; zeros unless `inside`."""
+    n_out = spec.sizes[-1]
+    vec_out, activate = wp.types.vector(n_out, wp.float32), spec.output_activation.func
+    value, gradient = loss.value(n_out), loss.gradient(n_out)
+
+    @wp.func
+    def results(z: vec_out, target: vec_out, inside: bool, scale: float):
+        total = float(0.0)
+        dy = vec_out()
+        if inside:
+            y = vec_out()
+            for j in range(wp.static(n_out)):
+                y[j] = activate(z[j])
+            total = value(y, target)
+            dy = gradient(y, target) * scale
+        return total, dy
+
+    return results
 
 
 @cache
@@ -23,47 +110,17 @@ def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, enc
     """The fused kernel for CUDA: dim blocks * plan.threads, block_dim plan.threads.
 
     sample: `(index, random state, data) -> (x, target)`, or without data. Arguments: params; data; progress; micro,
-    which of the batches of a step (from 1 on, gradients add to what is there); partial [blocks, plan.slice],
-    every block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
+    which of the batches of a step (from 1 on, gradients add to what is there); partial [blocks, plan.slice], every
+    block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
 
     encode: an encoding without parameters. by_rows: x is row i of `rows` instead, which then holds its gradient.
     """
-    plan = make_plan(spec)
-    n_out, words = spec.sizes[-1], plan.words
-    rows_of, n_in = row_type(spec.format), spec.sizes[0]
-    vec_in = wp.types.vector(n_in, rows_of if by_rows else wp.float32 if encode else spec.dtype)
-    load, store = make_load(n_in, rows_of), make_store(n_in, rows_of)
-    vec_out, sums_type = wp.types.vector(n_out, wp.float32), wp.types.vector(plan.sums, wp.float32)
-    shared = wp.tile(dtype=wp.uint32, shape=(words,))
-    activate, value, gradient = spec.output_activation.func, loss.value(n_out), loss.gradient(n_out)
-    draw, data = make_draw(sample), data_type(sample)
-    per_round = plan.threads
-
-    @wp.func_native(cuda_only(cuda.begin(spec, plan), ""))
-    def begin(params: Parameters, memory: shared): ...
-
-    @wp.func_native(cuda_only(cuda.forward(spec, plan), "return {};"))
-    def forward(params: Parameters, memory: shared, x: vec_in) -> vec_out: ...
-
-    @wp.func_native(cuda_only(cuda_backward.upper_layers(spec, plan), "return sums;"))
-    def upper_layers(memory: shared, sums: sums_type, z: vec_out, dy: vec_out) -> sums_type: ...
-
-    @wp.func_native(cuda_only(cuda_backward.first_layer(spec, plan, by_rows), "return sums;"))
-    def first_layer(memory: shared, sums: sums_type) -> sums_type: ...
-
-    @wp.func_native(cuda_only(cuda_backward.input_gradient(spec, plan, rows_of), "return {};"))
-    def input_gradient(memory: shared) -> vec_in: ...
-
-    @wp.func_native(cuda_only(cuda_finish.finish(plan), ""))
-    def finish(
-        memory: shared,
-        sums: sums_type,
-        loss: float,
-        partial: wp.array2d[float],
-        flags: wp.array[int],
-        parity: int,
-        add: bool,
-    ): ...
+    plan, draw, data, rows_of = make_plan(spec), make_draw(sample), data_type(sample), row_type(spec.format)
+    vec_in = wp.types.vector(spec.sizes[0], rows_of if by_rows else wp.float32 if encode else spec.dtype)
+    parts, sums_type = make_parts(spec, vec_in._wp_scalar_type_, by_rows), wp.types.vector(plan.sums, wp.float32)
+    begin, forward, upper_layers, first_layer, input_gradient, finish = parts
+    input, results = make_input(encode, vec_in, by_rows), make_results(spec, loss)
+    words, per_round, store = plan.words, plan.threads, make_store(spec.sizes[0], rows_of)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=(plan.threads, plan.blocks))
     def gradient_kernel(
@@ -88,19 +145,9 @@ def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, enc
         for start in range(0, batch, stride):
             i = start + thread
             inside = i < batch
-            if wp.static(by_rows):
-                z = forward(params, memory, load(rows, wp.min(i, batch - 1)))
-            elif wp.static(encode is not None):
-                z = forward(params, memory, encode(params, x))
-            else:
-                z = forward(params, memory, x)
-            y = vec_out()
-            for j in range(wp.static(n_out)):
-                y[j] = activate(z[j])
-            dy = vec_out()
-            if inside:
-                total += value(y, target)
-                dy = gradient(y, target) * scale
+            z = forward(params, memory, input(params, x, rows, wp.min(i, batch - 1)))
+            value, dy = results(z, target, inside, scale)
+            total += value
             sums = upper_layers(memory, sums, z, dy)
             # the next sample, early: reading it may take as long as the first layer
             next_x, next_target = draw(progress, step, micro * batch + wp.min(i + stride, batch - 1), data)
