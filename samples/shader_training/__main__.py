@@ -28,7 +28,7 @@ ROUGHNESS = np.linspace(0.3, 1.0, 5)
 @dataclass(frozen=True, kw_only=True)
 class Config(LookConfig):
     epochs: int | None = None
-    """of 100 steps each; none: 400 on the CPU, 1600 on CUDA"""
+    """of 100 steps each; none: 300 on the CPU, 1800 on CUDA"""
     batch: int | None = None
     """samples of a step; none: 1024 on the CPU, 65,536 on CUDA"""
     rate: float = 1e-2
@@ -37,7 +37,7 @@ class Config(LookConfig):
     """train by RTXNS's loss, the weighted relative L2, and not by what is measured"""
     samples: int = 1 << 20
     """held-out samples for the errors"""
-    gain: float = 20.0
+    gain: float = 50.0
     """factor on the difference in the pictures"""
 
 
@@ -49,7 +49,7 @@ def main(config: Config) -> dict:
         net = load(config.network, device)
     else:
         net = make_net(device, config.seed)
-        defaults = Recipe(1600, 1 << 16) if device.is_cuda else Recipe(400, 1024)
+        defaults = Recipe(1800, 1 << 16) if device.is_cuda else Recipe(300, 1024)
         loss = RTXNS_LOSS if config.rtxns_loss else LOSS
         recipe = Recipe(config.epochs or defaults.epochs, config.batch or defaults.batch, config.rate, loss)
         seconds, trained = train(net, recipe, seed=config.seed, quiet=config.json), recipe.steps * recipe.batch

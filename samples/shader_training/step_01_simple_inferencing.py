@@ -3,7 +3,7 @@
     python -m samples.shader_training.step_01_simple_inferencing [--network FILE]
 
 The file may be ours (.safetensors) or RTXNS's (.bin, .json). Without one, a small network is trained for some seconds
-and written first. Expect a PSNR of 40 dB against the analytic BRDF from it, and 55 dB from the main job's network.
+and written first. Expect a PSNR of 51 dB against the analytic BRDF from it, and 69 dB from one trained on a GPU.
 """
 
 from dataclasses import dataclass, replace
