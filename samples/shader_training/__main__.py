@@ -5,6 +5,11 @@
 Five numbers go in, N.L, N.V, N.H, L.H and the roughness, six sines and cosines of each; four terms come out of three
 layers of 32 neurons in float16. Leaves the network in three forms, the spheres and a sheet over roughness and light.
 With `--network` nothing is trained: any 30-32-32-32-4 of RTXNS (.bin or .json) or of ours is measured and shown.
+Expect a mean relative error of 0.50 % on the CPU, 0.31 % on an H200; the network that RTXNS ships has 0.54 %.
+
+After 150,000 steps of 1,024 samples RTXNS's loss ends at 0.68 % with the cosine and 0.64 % with an exponential decay,
+squared logarithms of ratios at 0.46 %, each term's smoothed relative error at 0.43 %, the loss of `loss.py` at 0.36 %.
+Half the rate, or beta2 = 0.99, changes that little; neither does float16: the same weights in float32 err alike.
 """
 
 import json
