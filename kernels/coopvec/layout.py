@@ -170,7 +170,7 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
     @wp.func
     def share(steps: wp.array3d[float], network: int, layer: int) -> float:
         exact = steps[network, layer, 0] * steps[network, layer, 1] * largest_inverse(steps, network, layer)
-        return wp.cast(wp.cast(exact, wp.uint32) & wp.uint32(0xFFFFFFFC), float)
+        return wp.cast(wp.cast(exact, wp.uint32) & ~wp.uint32(3), float)
 
     @wp.kernel(module="unique", enable_backward=False)
     def pack_kernel(

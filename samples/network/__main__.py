@@ -12,8 +12,9 @@ training, without the compiler's. slangstars.png of the course, 256 x 256, 2,000
     seconds       1.5    2.9    2.3    2.7    3.0      2.8    6.1    9.2
 
 There step 2 loses to step 3 with each of the seeds 0 to 7, by 1.6 dB in the mean, most of it where outputs died: begun
-from grey, as step 1, it reaches 17.9 dB. On photographs, which fill these networks with detail, both end within 0.3 dB
-of each other, either ahead; steps 4 and 5 are each far ahead of the one before on all pictures tried.
+from grey, as step 1, it reaches 17.9 dB. On photographs, which fill these networks with detail, either of
+the two may end ahead, mostly within 0.3 dB, by seed up to 2 dB; steps 4 and 5 are each far ahead of the one before on
+all pictures tried.
 """
 
 import json
