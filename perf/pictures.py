@@ -1,0 +1,44 @@
+"""Charts of results, without a window."""
+
+from collections.abc import Iterable
+
+from perf.results import Figure, Result
+
+
+def axes(title: str, unit: str, width: float = 9.0, height: float = 4.5):
+    from matplotlib.figure import Figure as Canvas
+
+    canvas = Canvas(figsize=(width, height), layout="constrained")
+    ax = canvas.subplots()
+    ax.set_title(title)
+    ax.set_ylabel(unit)
+    ax.grid(axis="y", alpha=0.3)
+    return canvas, ax
+
+
+def bars(result: Result, title: str, unit: str):
+    """Rows of one unit as groups, columns as bars, spreads as whiskers; what was recorded is hatched."""
+    figures = [f for f in result.figures if f.unit == unit]
+    rows = list(dict.fromkeys(f.row for f in figures))
+    columns = list(dict.fromkeys(f.column for f in figures))
+    canvas, ax = axes(f"{title}\n{result.machine['device']}", unit, width=max(7.0, 1.1 * len(rows)))
+    step = 0.8 / len(columns)
+    for j, column in enumerate(columns):
+        shown = [f for f in figures if f.column == column]
+        at = [rows.index(f.row) + (j - (len(columns) - 1) / 2) * step for f in shown]
+        bottom = [[f.value - f.low for f in shown], [f.high - f.value for f in shown]]
+        hatches = ["//" if f.recorded else "" for f in shown]
+        values = [f.value for f in shown]
+        ax.bar(at, values, step, yerr=bottom, hatch=hatches, label=column, color=f"C{j}", edgecolor="white")
+    ax.set_xticks(range(len(rows)), rows, rotation=25, ha="right", fontsize=8)
+    if len(columns) > 1:
+        ax.legend(fontsize=8, title="hatched: recorded" if any(f.recorded for f in figures) else None)
+    return canvas
+
+
+def line(ax, figures: Iterable[Figure], label: str, **style) -> None:
+    """Figures over their rows, which are numbers; a band shows the spread."""
+    figures = [f for f in figures if f.value > 0]
+    x = [float(f.row.replace(",", "")) for f in figures]
+    (drawn,) = ax.plot(x, [f.value for f in figures], label=label, **style)
+    ax.fill_between(x, [f.low for f in figures], [f.high for f in figures], color=drawn.get_color(), alpha=0.2)
