@@ -254,6 +254,30 @@ def test_resume_goes_on_bit_for_bit(device, tmp_path):
     assert (again.averaged == run.averaged).all() and (again.losses == run.losses).all()
 
 
+def test_killed_run_resumes_from_its_last_checkpoint(tmp_path, monkeypatch):
+    def fresh():
+        return wn.Trainer(wn.MLP(2, 3, 16, 1, device="cpu", precision="float16"), sample=line, batch=64)
+
+    whole, killed, path = fresh(), fresh(), tmp_path / "run.safetensors"
+    whole.run(160, quiet=True)
+    launch = killed._launch
+
+    def launch_or_die(steps):
+        if killed.index >= 96:
+            raise KeyboardInterrupt
+        launch(steps)
+
+    monkeypatch.setattr("warp_neural.trainer.SAVE_SECONDS", 0)
+    monkeypatch.setattr(killed, "_launch", launch_or_die)
+    with pytest.raises(KeyboardInterrupt):
+        killed.run(160, checkpoint=path, quiet=True)
+    again = fresh()
+    again.load(path)
+    assert again.index == 96
+    again.run(160 - again.index, quiet=True)
+    assert (again.net.master.numpy() == whole.net.master.numpy()).all()
+
+
 def test_bad_checkpoints_change_nothing(tmp_path, monkeypatch):
     def fresh(width=16, seed=0):
         return wn.Trainer(wn.MLP(2, 3, width, 1, device="cpu", precision="float16"), sample=line, batch=64, seed=seed)
