@@ -13,6 +13,7 @@ from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Para
 from kernels.losses import l2
 from kernels.optimizers import adam
 from kernels.training.encoded import make_adjoint_rows_kernel, make_encode_rows_kernel
+from kernels.training.plan import make_plan
 from kernels.training.step import make_gradient_kernel
 from kernels.training.update import make_fused_update_kernel
 from warp_neural import encodings
@@ -80,8 +81,9 @@ def corner(index: int, random: wp.uint32):
 def test_training_compiles_for_hopper(encoding, tmp_path):
     spec = NetworkSpec((encoding.n_out(2) if encoding else 2, 64, 64, 3), accumulation="float16")
     encode, trains = encoding and encoding.make(2), encoding and encoding.make_adjoint(2)
-    kernels = [make_gradient_kernel(spec, corner, l2, None if trains else encode, trains is not None)]
-    kernels.append(make_fused_update_kernel(adam, spec))
+    plan = make_plan(spec)
+    kernels = [make_gradient_kernel(spec, plan, corner, l2, None if trains else encode, trains is not None)]
+    kernels.append(make_fused_update_kernel(adam, spec, plan))
     if trains:
         kernels.append(make_encode_rows_kernel(corner, encode, spec.sizes[0], spec.format))
         kernels.append(make_adjoint_rows_kernel(corner, trains, spec.sizes[0], spec.format))

@@ -9,6 +9,7 @@ import reference_disney
 import warp as wp
 
 import warp_neural as wn
+from kernels.training.plan import make_plan
 from kernels.training.step import make_gradient_kernel
 from samples.shader_training import (
     __main__ as shader_training,
@@ -170,7 +171,7 @@ def test_shader_training(common, tmp_path):
 
 def test_compiles_for_hopper(tmp_path):
     net = make_net("cpu", seed=0)
-    kernels = [make_gradient_kernel(net.spec, draw, LOSS, net.encode), make_error_kernel(net.func)]
+    kernels = [make_gradient_kernel(net.spec, make_plan(net.spec), draw, LOSS, net.encode), make_error_kernel(net.func)]
     kernels.append(step_01_simple_inferencing.make_shade_kernel(net.func))
     for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)

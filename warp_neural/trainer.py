@@ -12,7 +12,6 @@ from tqdm import tqdm
 
 from kernels.coopvec.spec import INT8
 from kernels.losses import Loss, l2
-from kernels.training.plan import make_plan
 from kernels.training.progress import Progress
 from kernels.training.update import Update
 from warp_neural.checkpoint import load_checkpoint, save_checkpoint
@@ -20,7 +19,7 @@ from warp_neural.errors import InputError
 from warp_neural.network import MLP
 from warp_neural.optim import SGD, Adam
 from warp_neural.training_cpu import FusedCpu
-from warp_neural.training_steps import FusedCuda, General
+from warp_neural.training_steps import FusedCuda, General, plan_of
 
 HISTORY = 1 << 14  # steps whose loss is kept on the device
 SAVE_SECONDS = 30  # between checkpoints
@@ -32,7 +31,7 @@ def fused_steps(net: MLP) -> type[FusedCuda | FusedCpu] | None:
     if net.implementation != "cooperative":
         return None
     if net.device.is_cuda:
-        return FusedCuda if make_plan(net.spec) else None
+        return FusedCuda if plan_of(net) else None
     return None if net.spec.format is INT8 else FusedCpu
 
 
@@ -48,7 +47,7 @@ class Trainer:
     default 128 to begin with, halved after a step whose gradient is not finite, which is skipped.
 
     One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
-    of up to 64 neurons, on the CPU of all but int8; other networks train through the adjoint of the loss. Two runs with
+    of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8; other networks train through the adjoint of the loss. Two runs with
     the same seed end alike bit for bit on one device, except, on CUDA, those that add to memory atomically: networks
     that are not `fused`, and encodings with parameters.
     """

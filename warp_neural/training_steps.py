@@ -12,7 +12,7 @@ from kernels.coopvec.spec import Parameters
 from kernels.losses import Loss
 from kernels.training.encoded import make_adjoint_rows_kernel, make_encode_rows_kernel, row_type
 from kernels.training.general import collect_kernel, make_loss_kernel, make_sample_kernel
-from kernels.training.plan import make_plan
+from kernels.training.plan import Plan, make_plan
 from kernels.training.progress import Progress
 from kernels.training.step import make_gradient_kernel
 from kernels.training.update import (
@@ -65,6 +65,12 @@ class General:
         return self.net.gradient.numpy().copy()
 
 
+def plan_of(net: MLP) -> Plan | None:
+    """How a block of the network's CUDA device trains it in one kernel, if one can."""
+    can_multiply = net.device.arch >= net.spec.format.min_arch
+    return make_plan(net.spec, net.device.max_shared_memory_per_block) if can_multiply else None
+
+
 class FusedCuda:
     """One kernel for samples, forward, loss and gradients, one for the update of all parameters.
 
@@ -75,18 +81,18 @@ class FusedCuda:
         self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
     ):
         self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
-        self.plan, device = make_plan(net.spec), net.device
+        self.plan, device = plan_of(net), net.device
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
         self.by_rows = adjoint is not None
         encode = net.encode if net.encoding and not self.by_rows else None
-        self.kernel = make_gradient_kernel(net.spec, sample, loss, encode, self.by_rows)
+        self.kernel = make_gradient_kernel(net.spec, self.plan, sample, loss, encode, self.by_rows)
         width, format = net.spec.sizes[0], net.spec.format
         if self.by_rows:
             self.encode = make_encode_rows_kernel(sample, net.encode, width, format)
             self.adjoint = make_adjoint_rows_kernel(sample, adjoint, width, format)
         self.rows = wp.zeros((batch if self.by_rows else 0, width), dtype=row_type(format), device=device)
-        self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec)
-        blocks = min(device.sm_count * self.plan.blocks, -(-batch // self.plan.threads))
+        self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, self.plan)
+        blocks = min(device.sm_count, -(-batch // self.plan.threads))  # one on each multiprocessor
         self.partial = wp.zeros((blocks, self.plan.slice), dtype=float, device=device)
         self.order = wp.array(fragment_order(self.plan), dtype=int, device=device)
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)

@@ -12,7 +12,8 @@ from functools import cache
 from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.coopvec.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
 
-SHARED_BYTES = 212 * 1024  # of sm_90's 227 KB; the rest is for what samples need
+SPARE_BYTES = 15 * 1024  # of a block's shared memory, for what samples need
+HOPPER_BYTES = 227 * 1024  # of a block, at most
 CHOICES = ((8, 124), (4, 208))  # warps of a block, and the float32 registers a lane may spend on weight gradients
 
 
@@ -103,11 +104,6 @@ class Plan:
         return self.sums - 4 * rows * (-(-len(self.layers) // 8) - index // 8)
 
     @property
-    def blocks(self) -> int:
-        """Of them on one multiprocessor."""
-        return 1
-
-    @property
     def barrier(self) -> str:
         """Before a warp reads what others wrote; where every warp takes all units, each reads only its own."""
         return "__syncwarp();" if all(layer.parts == self.warps for layer in self.layers) else "__syncthreads();"
@@ -131,12 +127,17 @@ def share(n_blocks: int, k_blocks: int, warps: int, limit: int) -> tuple[int, in
 
 
 @cache
-def make_plan(spec: NetworkSpec) -> Plan | None:
-    """None where the fused kernel does not apply: other formats than 16 bits, or sums or vectors that do not fit."""
+def make_plan(spec: NetworkSpec, shared_bytes: int = HOPPER_BYTES) -> Plan | None:
+    """For a device whose blocks have so much shared memory.
+
+    None where the fused kernel does not apply: other formats than 16 bits, or sums or vectors that do not fit.
+    """
     if spec.format not in (FLOAT16, BFLOAT16):
         return None
     candidates = (plan_with(spec, warps, limit) for warps, _ in CHOICES for limit in (16, 8, 4, 2, 1))
-    fits = (p for p in candidates if p and p.words * 4 <= SHARED_BYTES and p.sums <= dict(CHOICES)[p.warps])
+    fits = (
+        p for p in candidates if p and p.words * 4 + SPARE_BYTES <= shared_bytes and p.sums <= dict(CHOICES)[p.warps]
+    )
     return next(fits, None)
 
 

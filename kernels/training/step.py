@@ -11,7 +11,7 @@ from kernels.losses import Loss
 from kernels.training import cuda, cuda_backward, cuda_finish
 from kernels.training.encoded import row_type
 from kernels.training.general import data_type, make_draw
-from kernels.training.plan import make_plan
+from kernels.training.plan import Plan
 from kernels.training.progress import Progress, batch_of
 
 
@@ -31,9 +31,8 @@ def cuda_only(text: str, otherwise: str = "") -> str:
 
 
 @cache
-def make_parts(spec: NetworkSpec, x_type: type, input_gradient: bool) -> Parts:
+def make_parts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool) -> Parts:
     """x_type: of the elements of the network's inputs and their gradients."""
-    plan = make_plan(spec)
     vec_in, vec_out = wp.types.vector(spec.sizes[0], x_type), wp.types.vector(spec.sizes[-1], wp.float32)
     shared, sums = wp.tile(dtype=wp.uint32, shape=(plan.words,)), wp.types.vector(plan.sums, wp.float32)
 
@@ -106,7 +105,9 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
 
 
 @cache
-def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, encode=None, by_rows: bool = False):
+def make_gradient_kernel(
+    spec: NetworkSpec, plan: Plan, sample: wp.Function, loss: Loss, encode=None, by_rows: bool = False
+) -> wp.Kernel:
     """The fused kernel for CUDA: dim blocks * plan.threads, block_dim plan.threads.
 
     sample: `(index, random state, data) -> (x, target)`, or without data. Arguments: params; data; progress; micro,
@@ -115,14 +116,14 @@ def make_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, enc
 
     encode: an encoding without parameters. by_rows: x is row i of `rows` instead, which then holds its gradient.
     """
-    plan, draw, data, rows_of = make_plan(spec), make_draw(sample), data_type(sample), row_type(spec.format)
+    draw, data, rows_of = make_draw(sample), data_type(sample), row_type(spec.format)
     vec_in = wp.types.vector(spec.sizes[0], rows_of if by_rows else wp.float32 if encode else spec.dtype)
-    parts, sums_type = make_parts(spec, vec_in._wp_scalar_type_, by_rows), wp.types.vector(plan.sums, wp.float32)
+    parts, sums_type = make_parts(spec, plan, vec_in._wp_scalar_type_, by_rows), wp.types.vector(plan.sums, wp.float32)
     begin, forward, upper_layers, first_layer, input_gradient, finish = parts
     input, results = make_input(encode, vec_in, by_rows), make_results(spec, loss)
     words, per_round, store = plan.words, plan.threads, make_store(spec.sizes[0], rows_of)
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=(plan.threads, plan.blocks))
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=plan.threads)
     def gradient_kernel(
         params: Parameters,
         data: data,

@@ -6,7 +6,7 @@ import warp as wp
 
 from kernels.coopvec.formats import make_encode
 from kernels.coopvec.spec import NetworkSpec
-from kernels.training.plan import Plan, make_plan
+from kernels.training.plan import Plan
 from kernels.training.progress import Progress, batch_of, rate_of
 
 GROUP = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
@@ -161,13 +161,12 @@ def make_update_kernel(update: wp.Function) -> wp.Kernel:
 
 
 @cache
-def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec) -> wp.Kernel:
+def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan) -> wp.Kernel:
     """After `make_gradient_kernel`: dim ceil((plan.floats + 1) / GROUP) * update_block(plan).
 
     order: which parameter each column of `partial` is (-1: padding). target: where the parameter lies in `packed`, in
     16-bit elements; ~word for a float32 bias.
     """
-    plan = make_plan(spec)
     encode, floats, block = make_encode(spec.format), wp.constant(plan.floats), update_block(plan)
     sum_of_column = make_sum_of_column(block)
 
