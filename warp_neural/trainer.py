@@ -47,9 +47,9 @@ class Trainer:
     default 128 to begin with, halved after a step whose gradient is not finite, which is skipped.
 
     One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
-    of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8; other networks train through the adjoint of the loss. Two runs with
-    the same seed end alike bit for bit on one device, except, on CUDA, those that add to memory atomically: networks
-    that are not `fused`, and encodings with parameters.
+    of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8; other networks train
+    through the adjoint of the loss. Two runs with the same seed end alike bit for bit on one device, except, on CUDA,
+    those that add to memory atomically: networks that are not `fused`, and encodings with parameters.
     """
 
     def __init__(

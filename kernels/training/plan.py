@@ -134,11 +134,12 @@ def make_plan(spec: NetworkSpec, shared_bytes: int = HOPPER_BYTES) -> Plan | Non
     """
     if spec.format not in (FLOAT16, BFLOAT16):
         return None
-    candidates = (plan_with(spec, warps, limit) for warps, _ in CHOICES for limit in (16, 8, 4, 2, 1))
-    fits = (
-        p for p in candidates if p and p.words * 4 + SPARE_BYTES <= shared_bytes and p.sums <= dict(CHOICES)[p.warps]
-    )
-    return next(fits, None)
+    for warps, most_sums in CHOICES:
+        for limit in (16, 8, 4, 2, 1):
+            plan = plan_with(spec, warps, limit)
+            if plan and plan.words * 4 + SPARE_BYTES <= shared_bytes and plan.sums <= most_sums:
+                return plan
+    return None
 
 
 def plan_with(spec: NetworkSpec, warps: int, limit: int) -> Plan | None:
