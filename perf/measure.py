@@ -102,7 +102,7 @@ class Bench:
     def speed(
         self, row: str, column: str, launch: Callable[[], None], flops: float, *, launches: int = 1, **share: float
     ) -> float:
-        """`flops` of each of the `launches` that `launch` makes; with `peak=1000`, or another name, the share is noted."""
+        """`flops` of each of `launches` that `launch` makes; with `peak=1000`, or another name, the share is noted."""
         return self.speed_of(row, column, times(launch, self.device, self.config.rounds), flops * launches, **share)
 
     def speed_of(self, row: str, column: str, ms: np.ndarray, flops: float, **share: float) -> float:

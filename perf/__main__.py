@@ -1,0 +1,67 @@
+"""All measurements that this machine can make: `python -m perf [--quick] [--device cuda]`.
+
+Each runs in a process of its own and alone. On CUDA all run at once before that, one round each into a folder that goes
+away: their kernels then lie compiled in Warp's cache, and the measurements take little but their own time. `cpu` and
+`samples` are left out with `--device cuda`, `samples` with `--quick`. Ends with `python -m perf.report` unless `--out` is given.
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+from perf import report
+from perf.measure import Config
+from warp_neural.cli import resolve_device, run
+
+NAMES = ("inference", "divergence", "fusion", "layout", "precision", "training", "compile", "mipmap", "cpu", "samples")
+NOT_AHEAD = ("compile", "cpu", "samples")  # have caches of their own, or no CUDA kernels
+
+
+def chosen(config: Config, cuda: bool) -> list[str]:
+    left_out = {"samples"} if config.quick else set()
+    left_out |= {"cpu", "samples"} if cuda and config.device != "auto" else set()
+    return [name for name in NAMES if name not in left_out]
+
+
+def measure(name: str, options: list[str]) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", f"perf.{name}", *options], stderr=subprocess.PIPE, text=True)
+
+
+def compile_ahead(names: list[str], options: list[str]) -> None:
+    """Failures show again when it counts."""
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor() as pool:
+        for name in names:
+            command = [sys.executable, "-m", f"perf.{name}", *options, "--rounds", "1", "--out", folder]
+            pool.submit(subprocess.run, command, capture_output=True)
+
+
+def main(config: Config) -> dict:
+    device = resolve_device(config.device)
+    names = chosen(config, device.is_cuda)
+    options = ["--seed", str(config.seed)] + ["--quick"] * config.quick
+    where = ["--device", device.alias]
+    metrics, failed, begin = {}, [], time.perf_counter()
+    if device.is_cuda:
+        compile_ahead([name for name in names if name not in NOT_AHEAD], options + where)
+        metrics["compile_ahead_seconds"] = time.perf_counter() - begin
+    options += ["--rounds", str(config.rounds)] + (["--out", str(config.out)] if config.out else [])
+    for name in names:
+        start = time.perf_counter()
+        done = measure(name, options + (["--device", "cpu"] if name == "cpu" else where))
+        metrics[f"{name}_seconds"] = time.perf_counter() - start
+        if done.returncode:
+            failed.append(name)
+            print(f"perf.{name} failed:\n{done.stderr}", file=sys.stderr)
+    if not config.out:
+        report.main(report.Config(json=config.json))
+    metrics |= {"seconds": time.perf_counter() - begin, "failed": ", ".join(failed) or "none"}
+    if failed:
+        print(metrics)
+        raise SystemExit(1)
+    return metrics
+
+
+if __name__ == "__main__":
+    run(main, Config)

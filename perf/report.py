@@ -1,0 +1,87 @@
+"""Gather results into one page: `python -m perf.report`, from perf/results/* to perf/RESULTS.md."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from perf.advice import advice
+from perf.goals import GOALS, TESTED
+from perf.results import FOLDER, Result, load_all
+from warp_neural.cli import run
+from warp_neural.errors import InputError
+from warp_neural.files import atomic_path
+
+INTRO = """# Measurements
+
+Made by `python -m perf`, gathered by `python -m perf.report`. Medians of the rounds, ± half of what 80 % of them span.
+*Recorded*: measured by others or elsewhere, not in that run. LxN: L hidden layers of N neurons, N inputs, 16 outputs.
+`python -m perf.compare OLD NEW` shows what moved between two folders of results beyond its spread.
+"""
+ORDER = ("inference", "divergence", "fusion", "layout", "precision", "training", "compile", "cpu", "mipmap", "samples")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    results: Path = FOLDER
+    """folder with a folder of results for each machine"""
+    out: Path | None = None
+    """the page; default RESULTS.md beside the folder of results"""
+    json: bool = False
+    """print nothing but one JSON object with the metrics"""
+
+
+def goals_table(results: dict[str, Result], cuda: bool) -> tuple[str, dict[str, int]]:
+    """Markdown, and how many are met, missed, not measured."""
+    lines = ["| | goal | measured | asked for | |", "|---|---|---:|---:|---|"]
+    counts, reasons = {"met": 0, "missed": 0, "not measured": 0}, {}
+    for goal in GOALS:
+        if goal.cuda != cuda:
+            continue
+        measured, asked, verdict = goal.judge(results)
+        kind = next((kind for kind in ("met", "missed") if f"**{kind}**" in verdict), "not measured")
+        counts[kind] += 1
+        if kind == "missed" and goal.why:
+            verdict += f" [{reasons.setdefault(goal.why, len(reasons) + 1)}]"
+        lines.append(f"| {goal.part} | {goal.text} | {measured} | {asked} | {verdict} |")
+    lines += ["", *(f"[{number}] {why}" + "  " for why, number in reasons.items())]
+    return "\n".join(lines), counts
+
+
+def section(result: Result, folder: str) -> str:
+    return (
+        f"### {result.measurement}\n\n{result.notes()}\n\n{result.table()}\n\n"
+        f"![{result.measurement}](results/{folder}/{result.measurement}.png)\n"
+    )
+
+
+def machine_page(folder: Path) -> tuple[str, dict[str, int]]:
+    results = load_all(folder)
+    if not results:
+        raise InputError(f"{folder}: no results here; make them with python -m perf")
+    main = results.get("inference") or next(iter(results.values()))
+    cuda = "architecture" in main.machine
+    goals, counts = goals_table(results, cuda)
+    parts = [f"## {main.machine['device']}\n", "### What to choose\n", *(f"- {line}" for line in advice(results))]
+    summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    parts += [f"\n### Goals: {summary}\n", goals, ""]
+    known = [name for name in ORDER if name in results] + [name for name in results if name not in ORDER]
+    return "\n".join([*parts, *(section(results[name], folder.name) for name in known)]), counts
+
+
+def main(config: Config) -> dict:
+    folders = sorted(path for path in config.results.glob("*") if path.is_dir())
+    if not folders:
+        raise InputError(f"{config.results}: no results; make them with python -m perf")
+    pages, metrics = [], {}
+    for folder in folders:
+        page, counts = machine_page(folder)
+        pages.append(page)
+        metrics |= {f"{folder.name}_{kind.replace(' ', '_')}": count for kind, count in counts.items()}
+    tested = ["## Goals that tests hold\n", *(f"- {goal}: `{tests}`" for goal, tests in TESTED.items()), ""]
+    path = config.out or config.results.parent / "RESULTS.md"
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join([INTRO, *pages, *tested]))
+    return metrics | {"page": str(path)}
+
+
+if __name__ == "__main__":
+    run(main, Config)
