@@ -2,7 +2,8 @@
 
 Each runs in a process of its own and alone. On CUDA all run at once before that, one round each into a folder that goes
 away: their kernels then lie compiled in Warp's cache, and the measurements take little but their own time. `cpu` and
-`samples` are left out with `--device cuda`, `samples` with `--quick`. Ends with `python -m perf.report` unless `--out` is given.
+`samples` are left out with `--device cuda`, `samples` with `--quick`. Ends with `python -m perf.report` unless `--out`
+is given.
 """
 
 import subprocess

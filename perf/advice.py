@@ -79,8 +79,8 @@ def block(result: Result) -> list[str]:
 
 def batch(result: Result) -> list[str]:
     return [
-        f"**Batch**, {column}: a launch of {enough(found).row.split()[-1]} threads has {100 * CLOSE:.0f}% of the best speed"
-        f" ({listed(found)})."
+        f"**Batch**, {column}: a launch of {enough(found).row.split()[-1]} threads has {100 * CLOSE:.0f}% of the best"
+        f" speed ({listed(found)})."
         for column in columns(result)
         if (found := sizes(result, column, "batch "))
     ]

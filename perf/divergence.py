@@ -1,7 +1,7 @@
 """Speed against threads that share a network: `python -m perf.divergence`, the lecture's picture.
 
 The set-up of the Vulkan driver's directed test: 2^18 threads a launch, at most 1,024 networks, fewer threads in
-proportion below 256 a network; on CUDA 512 launches on 32 streams in one graph, which may overlap as dispatches do.
+proportion below 256 a network; on CUDA 256 launches on 32 streams in one graph, which may overlap as dispatches do.
 From 2^18 threads a network on a launch has one network, so that 2^31 stands for all of those powers. `no last lane`:
 the last lane of every warp has returned. `shuffled`: every thread has a random network of those; `sorted`: the same
 threads after `wn.sort_by_network`, whose own time for 2^18 threads is the last row. Speeds count active threads.
@@ -10,6 +10,7 @@ On the CPU threads run one after the other: 2^11 of them, at most 256 networks, 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -23,7 +24,7 @@ from warp_neural import MLP, sort_by_network
 from warp_neural.cli import progress, run
 
 KINDS = [("float16", "float16"), ("e4m3", "float16"), ("int8", "float32")]
-BLOCK, STREAMS, LAUNCHES = 64, 32, 16  # threads, streams, launches of each
+BLOCK, STREAMS, LAUNCHES = 64, 32, 8  # threads, streams, launches of each
 # recorded on an H200: the Vulkan driver, float16, TFLOP/s by threads a network
 DRIVER = {
     "3x64": {1 << 31: 497, 16384: 467, 1024: 467, 256: 450, 64: 406, 32: 230, 16: 120, 8: 61, 4: 33, 1: 8.7},
@@ -43,31 +44,34 @@ class Sizes:
         return min(1 << self.bits, self.networks << shift)
 
 
+@cache
+def make_nets(kind: tuple[str, str], shape: tuple[int, int], count: int, device: str, seed: int) -> MLP:
+    """Kept, as a thousand networks take a second to make."""
+    return make_net(*shape, count=count, precision=kind[0], accumulation=kind[1], device=device, seed=seed)
+
+
 class Curve:
     """One line of the picture: launches of one kernel with growing groups."""
 
     def __init__(self, bench: Bench, sizes: Sizes, kind: tuple[str, str], shape: tuple[int, int], way: str = ""):
         self.bench, self.sizes, self.way = bench, sizes, way
         self.device = bench.device
-        self.options = {"precision": kind[0], "accumulation": kind[1], "device": self.device}
-        self.shape, self.limit = shape, 4 * LIMITS[kind[0]]
+        self.kind, self.shape, self.limit = kind, shape, 4 * LIMITS[kind[0]]
         self.column = ", ".join(filter(None, (f"{kind[0]} {networks.shape_name(*shape)}", way)))
         self.streams = [wp.Stream(self.device) for _ in range(STREAMS)] if self.device.is_cuda else []
-        self.kernel = self.net = None
+        self.kernel = None
 
     def measure(self) -> None:
         bounds = networks.bounds(BLOCK) if self.device.is_cuda and self.shape[1] == 64 else None
         for shift in self.sizes.shifts:
             n = self.sizes.threads(shift)
-            count = max(1, n >> shift)
-            if self.net is None or self.net.count != count:
-                self.net = make_net(*self.shape, count=count, seed=self.bench.config.seed, **self.options)
+            net = make_nets(self.kind, self.shape, max(1, n >> shift), self.device.alias, self.bench.config.seed)
             if self.kernel is None:
                 if self.way in ("shuffled", "sorted"):
-                    self.kernel = make_ordered_kernel(self.net, bounds)
+                    self.kernel = make_ordered_kernel(net, bounds)
                 else:
-                    self.kernel = make_shade_kernel(self.net, bounds, skip_last_lane=self.way == "no last lane")
-            self.measure_one(self.net, shift, n)
+                    self.kernel = make_shade_kernel(net, bounds, skip_last_lane=self.way == "no last lane")
+            self.measure_one(net, shift, n)
 
     def measure_one(self, net: MLP, shift: int, n: int) -> None:
         y = wp.zeros(n, dtype=float, device=self.device)

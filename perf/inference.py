@@ -75,12 +75,13 @@ def measure_kinds(bench: Bench, shapes: list, n: int) -> None:
 
 
 def measure_others(bench: Bench, shapes: list, n: int) -> None:
-    for implementation, precision, samples in (("per_thread", "float32", n), ("tiled", "float16", n)):
+    others = [("per_thread", "float32")] + ([] if bench.config.quick else [("tiled", "float16")])  # slow to compile
+    for implementation, precision in others:
         for shape in shapes:
             options = {"implementation": implementation, "precision": precision, "device": bench.device}
             net = make_net(*shape, seed=bench.config.seed, **options)
             row = f"{implementation.replace('_', ' ')}, {precision}"
-            measure_shade(bench, row, shape_name(*shape), net, samples, bench.config.block)
+            measure_shade(bench, row, shape_name(*shape), net, n, bench.config.block)
 
 
 def measure_memory(bench: Bench, shapes: list, n: int) -> None:

@@ -69,7 +69,7 @@ def times_in_turn(launches: dict[str, Callable[[], None]], rounds: int) -> dict[
 
 def check(name: str, result: np.ndarray, expected: np.ndarray, limit: float) -> None:
     """Stops a measurement of something that computes the wrong thing; the error is relative, of the whole array."""
-    error = np.linalg.norm(result - expected) / np.linalg.norm(expected)
+    error = np.linalg.norm(result - expected) / max(np.linalg.norm(expected), 1e-30)
     if not error <= limit:
         raise RuntimeError(f"{name}: relative error {error:.1e} is above {limit:.1e}; nothing was timed")
 
