@@ -1,1 +1,3 @@
-"""The measurements; `python -m perf.NAME` runs one."""
+"""The measurements. `python -m perf` runs all that the machine can, `python -m perf.NAME` one; `perf.report` gathers
+them in RESULTS.md, `perf.compare` sets two folders of results side by side. `perf.measure` is what they share.
+"""

@@ -77,7 +77,7 @@ def measure_kinds(bench: Bench, shapes: list, n: int) -> None:
 def measure_others(bench: Bench, shapes: list, n: int) -> None:
     others = [("per_thread", "float32")] + ([] if bench.config.quick else [("tiled", "float16")])  # slow to compile
     for implementation, precision in others:
-        for shape in shapes:
+        for shape in shapes[:1] if implementation == "tiled" and bench.device.is_cuda else shapes:
             options = {"implementation": implementation, "precision": precision, "device": bench.device}
             net = make_net(*shape, seed=bench.config.seed, **options)
             row = f"{implementation.replace('_', ' ')}, {precision}"

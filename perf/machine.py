@@ -30,7 +30,7 @@ def slug(name: str) -> str:
 
 
 def facts(device: wp.Device) -> dict[str, str]:
-    """Of `device` as it is now: clocks and power under the load of the last kernels, where nvidia-smi is there."""
+    """Of `device`; its clocks and power right after the last kernels, where nvidia-smi is there."""
     result = {"device": name_of(device)}
     if device.is_cuda:
         result |= {"architecture": f"sm_{device.arch}", "multiprocessors": str(device.sm_count)} | gpu_state(device)

@@ -67,6 +67,10 @@ def times_in_turn(launches: dict[str, Callable[[], None]], rounds: int) -> dict[
     return dict(zip(launches, np.array(rows[WARM_UP:]).T, strict=True))
 
 
+def percent(share: float) -> str:
+    return f"{100 * share:.0f}%" if share > 0.1 else f"{100 * share:.1f}%"
+
+
 def check(name: str, result: np.ndarray, expected: np.ndarray, limit: float) -> None:
     """Stops a measurement of something that computes the wrong thing; the error is relative, of the whole array."""
     error = np.linalg.norm(result - expected) / max(np.linalg.norm(expected), 1e-30)
@@ -107,7 +111,7 @@ class Bench:
 
     def speed_of(self, row: str, column: str, ms: np.ndarray, flops: float, **share: float) -> float:
         values = flops / ms / (1e9 if self.device.is_cuda else 1e6)
-        note = " ".join(f"({100 * np.median(values) / of:.3g}% of {name})" for name, of in share.items() if of)
+        note = " ".join(f"({percent(np.median(values) / of)} of {name})" for name, of in share.items() if of)
         return self.add(row, column, values, self.speed_unit, note)
 
     def finish(self, draw: Callable[[Result], object]) -> dict:

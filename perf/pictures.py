@@ -31,6 +31,9 @@ def bars(result: Result, title: str, unit: str):
         values = [f.value for f in shown]
         ax.bar(at, values, step, yerr=bottom, hatch=hatches, label=column, color=f"C{j}", edgecolor="white")
     ax.set_xticks(range(len(rows)), rows, rotation=25, ha="right", fontsize=8)
+    values = [f.value for f in figures if f.value > 0]
+    if max(values) > 30 * min(values):
+        ax.set_yscale("log")
     if len(columns) > 1:
         ax.legend(fontsize=8, title="hatched: recorded" if any(f.recorded for f in figures) else None)
     return canvas

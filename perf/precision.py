@@ -82,13 +82,13 @@ def draw(pictures: dict[str, np.ndarray]):
 
     columns = min(len(pictures), 5)
     rows = -(-len(pictures) // columns)
-    canvas = Figure(figsize=(3 * columns, 3.3 * rows), layout="constrained")
+    canvas = Figure(figsize=(2 * columns, 2.4 * rows), layout="constrained")
     axes = canvas.subplots(rows, columns, squeeze=False).ravel()
     for ax in axes:
         ax.axis("off")
     for ax, (name, picture) in zip(axes, pictures.items(), strict=False):
         ax.imshow(np.clip(picture, 0, 1))
-        ax.set_title(name, fontsize=9)
+        ax.set_title(name, fontsize=7)
     return canvas
 
 

@@ -53,7 +53,8 @@ def section(result: Result, folder: str) -> str:
     )
 
 
-def machine_page(folder: Path) -> tuple[str, dict[str, int]]:
+def machine_page(folder: Path) -> tuple[str, dict[str, int], bool]:
+    """The page, how many goals are met, missed and not measured, and whether it is a GPU."""
     results = load_all(folder)
     if not results:
         raise InputError(f"{folder}: no results here; make them with python -m perf")
@@ -64,18 +65,21 @@ def machine_page(folder: Path) -> tuple[str, dict[str, int]]:
     summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     parts += [f"\n### Goals: {summary}\n", goals, ""]
     known = [name for name in ORDER if name in results] + [name for name in results if name not in ORDER]
-    return "\n".join([*parts, *(section(results[name], folder.name) for name in known)]), counts
+    return "\n".join([*parts, *(section(results[name], folder.name) for name in known)]), counts, cuda
 
 
 def main(config: Config) -> dict:
     folders = sorted(path for path in config.results.glob("*") if path.is_dir())
     if not folders:
         raise InputError(f"{config.results}: no results; make them with python -m perf")
-    pages, metrics = [], {}
+    pages, metrics, any_cuda = [], {}, False
     for folder in folders:
-        page, counts = machine_page(folder)
+        page, counts, cuda = machine_page(folder)
         pages.append(page)
+        any_cuda |= cuda
         metrics |= {f"{folder.name}_{kind.replace(' ', '_')}": count for kind, count in counts.items()}
+    if not any_cuda:
+        pages.append(f"## H200: not measured yet\n\n### Goals\n\n{goals_table({}, True)[0]}")
     tested = ["## Goals that tests hold\n", *(f"- {goal}: `{tests}`" for goal, tests in TESTED.items()), ""]
     path = config.out or config.results.parent / "RESULTS.md"
     with atomic_path(path) as temporary:

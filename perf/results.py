@@ -9,6 +9,7 @@ import numpy as np
 from warp_neural.errors import InputError
 from warp_neural.files import atomic_path
 
+RECORDED = " *(recorded)*"
 FOLDER = Path(__file__).resolve().parent / "results"
 
 
@@ -47,29 +48,35 @@ class Result:
     def find(self, row: str, column: str) -> Figure | None:
         return next((f for f in self.figures if (f.row, f.column) == (row, column)), None)
 
-    def columns(self, row: str) -> list[Figure]:
-        return [f for f in self.figures if f.row == row]
-
     def rows(self, column: str) -> list[Figure]:
         return [f for f in self.figures if f.column == column]
 
     def table(self) -> str:
-        """Markdown. The usual unit is in the corner, that of a column beside its name, that of a row likewise."""
+        """Markdown. The usual unit is in the corner; others stand by their rows, or by columns where rows mix units."""
         units = [f.unit for f in self.figures]
         usual = max(dict.fromkeys(units), key=units.count, default="")
-        columns = {f.column: {g.unit for g in self.rows(f.column)} for f in self.figures}
-        own = {name: min(found) for name, found in columns.items() if len(found) == 1 and found != {usual}}
-        header = [f"{name}, {own[name]}" if own.get(name) else name for name in columns]
-        lines = [f"| {usual} | {' | '.join(header)} |", "|---" + "|---:" * len(columns) + "|"]
+        headers, by_column = {}, set()
+        for name in dict.fromkeys(f.column for f in self.figures):
+            column = self.rows(name)
+            mixed = len({f.unit for f in column}) == 1 and any(len(self.units(f.row)) > 1 for f in column)
+            if mixed:
+                by_column.add(name)
+            header = f"{name}, {column[0].unit}" if mixed and column[0].unit not in ("", usual) else name
+            headers[name] = header + (RECORDED if all(f.recorded for f in column) else "")
+        lines = [f"| {usual} | {' | '.join(headers.values())} |", "|---" + "|---:" * len(headers) + "|"]
         rows = {}
         for f in self.figures:
-            unit = "" if f.unit == usual or f.column in own else f.unit
-            label = ", ".join(filter(None, (f.row, unit))) + (" *(recorded)*" if f.recorded else "")
+            unit = "" if f.unit == usual or f.column in by_column else f.unit
+            label = ", ".join(filter(None, (f.row, unit)))
+            label += RECORDED if f.recorded and RECORDED not in headers[f.column] else ""
             rows.setdefault(label, {})[f.column] = f.text()
         lines += [
-            f"| {label} | {' | '.join(cells.get(name, '') for name in columns)} |" for label, cells in rows.items()
+            f"| {label} | {' | '.join(cells.get(name, '') for name in headers)} |" for label, cells in rows.items()
         ]
         return "\n".join(lines)
+
+    def units(self, row: str) -> set[str]:
+        return {f.unit for f in self.figures if f.row == row}
 
     def notes(self) -> str:
         facts = self.machine | self.settings

@@ -174,7 +174,7 @@ def test_goals_that_tests_hold_name_tests():
 
 def test_goals_by_unit_and_multiple():
     result = Result("layout", {}, {}, [Figure("a", "x", 10, 9, 11, "ms"), Figure("b", "x", 4, 4, 4, "ms")])
-    goal = replace(GOALS[0], measurement="layout", row="a", column="x", limit=8, most=False)
+    goal = replace(GOALS[0], measurement="layout", row="a", column="x", limit=8, most=False, unit="ms")
     assert goal.judge({"layout": result}) == ("10 ms", "at least 8 ms", "**met** (+25%)")
     relative = replace(goal, limit=2, most=True, of=("b", "x"))
     assert relative.judge({"layout": result}) == ("2.5", "at most 2 of b", "**missed** (+25%)")
