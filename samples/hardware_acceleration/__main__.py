@@ -13,8 +13,8 @@ The short runs of all versions end alike; the long ones compare a float16 networ
 Sizes depend on the device: the CPU has a 256 x 256 texture, 4,096 pixels a step and 2,000 steps, which sees a fifth of
 the picture's pixels once: expect blurred crops there. CUDA has 1024 x 1024, 65,536 and 10,000.
 
-On one core of a busy CPU: the small network takes 2.63 (per thread), 1.10 (tiled) and 0.14 ms a step (cooperative), and
-ends within 1e-6 of the same results; the texture 316 (per thread), 22.2 (unfused), 9.0 (float32) and 7.5 ms (float16).
+On one CPU core: the small network takes 1.70 (per thread), 0.81 (tiled) and 0.08 ms a step (cooperative), and
+ends within 1e-6 of the same results; the texture 183 (per thread), 11.6 (unfused), 7.6 (float32) and 7.0 ms (float16).
 After 2,000 steps float32 and float16 are both at 23.90 dB.
 """
 
