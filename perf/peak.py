@@ -139,12 +139,13 @@ def measure_mma(bench: Bench, kinds: list[tuple[str, str]]) -> dict[tuple[str, s
 def measure_cpu(bench: Bench) -> float:
     """GFLOP/s of one core, float32."""
     device = wp.get_device("cpu")
-    source, y = wp.array([1], dtype=wp.uint32, device=device), wp.zeros(1, dtype=float, device=device)
+    source, y = wp.array([1], dtype=wp.uint32, device=device), wp.zeros(256, dtype=float, device=device)
     # sign = 1 and one = -1: each accumulator falls by one a step, exactly
-    launch = lambda: wp.launch(make_peak_kernel(None), 1, [source, y], device=device)  # noqa: E731
+    launch = lambda: wp.launch(make_peak_kernel(None), y.size, [source, y], device=device)  # noqa: E731
     launch()
-    check("multiply-adds", y.numpy(), np.array([16.0 * sum(v - STEPS for v in VECTORS)]), 1e-6)
-    return bench.speed("peak: multiply-adds, float32", "alone", launch, 2 * 16 * len(VECTORS) * STEPS)
+    expected = 16.0 * sum(v - STEPS for v in VECTORS)
+    check("multiply-adds", y.numpy(), np.full(y.size, expected), 1e-6)
+    return bench.speed("peak: multiply-adds, float32", "alone", launch, 2 * 16 * len(VECTORS) * STEPS * y.size)
 
 
 def measure_torch(bench: Bench) -> None:
