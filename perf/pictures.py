@@ -35,7 +35,8 @@ def bars(result: Result, title: str, unit: str):
     if max(values) > 30 * min(values):
         ax.set_yscale("log")
     if len(columns) > 1:
-        ax.legend(fontsize=8, title="hatched: recorded" if any(f.recorded for f in figures) else None)
+        title = "hatched: recorded" if any(f.recorded for f in figures) else None
+        ax.legend(fontsize=8, title=title, loc="upper left", bbox_to_anchor=(1, 1))
     return canvas
 
 
