@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from kernels.coopvec.rows import make_evaluate_kernel
 from kernels.sampling import random_stream
 from perf import peers
 from perf.measure import Bench, Config, check, times_in_turn
@@ -20,7 +21,6 @@ from perf.pictures import bars
 from perf.precision import OCTAVES, encode
 from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import run
-from warp_neural.coopvec import make_load, make_store
 
 GRADIENT_LIMITS = {"float32": 1e-5, "float16": 1e-2}
 
@@ -48,20 +48,10 @@ def draw_kernel(seed: int, xs: wp.array[wp.vec2], targets: wp.array[wp.vec3]):
     targets[i] = target
 
 
-def make_rows_kernel(net: MLP):
-    func, load, store = net.func, make_load(net.n_in, wp.float32), make_store(net.spec.sizes[-1], wp.float32)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def rows_kernel(params: net.Params, x: wp.array2d[float], y: wp.array2d[float]):
-        i = wp.tid()
-        store(y, i, func(params, load(x, i)))
-
-    return rows_kernel
-
-
 def measure_inference(bench: Bench, config: CpuConfig) -> None:
     net = make_net(2, 32, precision="float32", device="cpu", seed=config.seed)
-    kernel, x = make_rows_kernel(net), np.random.default_rng(0).uniform(-1, 1, (config.samples, 32)).astype(np.float32)
+    kernel = make_evaluate_kernel(net.of_row, net.vec_out)
+    x = np.random.default_rng(0).uniform(-1, 1, (config.samples, 32)).astype(np.float32)
     inputs, y = wp.array(x, dtype=float, device="cpu"), wp.zeros((len(x), 16), dtype=float, device="cpu")
 
     def ours() -> np.ndarray:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from kernels.coopvec.rows import make_evaluate_kernel
 from perf import networks
 from perf.measure import Bench, Config, check
-from perf.networks import LIMITS, SHAPES, flops, make_memory_kernel, make_net, make_shade_kernel, shape_name, truth
+from perf.networks import LIMITS, SHAPES, flops, make_net, make_shade_kernel, shape_name, truth
 from perf.peak import measure_cpu, measure_mma, measure_torch
 from perf.pictures import bars
 from warp_neural import MLP
@@ -88,7 +89,7 @@ def measure_memory(bench: Bench, shapes: list, n: int) -> None:
     config, device, rng = bench.config, bench.device, np.random.default_rng(bench.config.seed)
     for depth, width in shapes:
         net = make_net(depth, width, accumulation="float16", dtype=wp.float16, device=device, seed=config.seed)
-        kernel, x = make_memory_kernel(net), rng.uniform(-1, 1, (n, width)).astype(np.float16)
+        kernel, x = make_evaluate_kernel(net.of_row, net.vec_out), rng.uniform(-1, 1, (n, width)).astype(np.float16)
         inputs = wp.array(x, dtype=wp.float16, device=device)
         y = wp.zeros((n, 16), dtype=wp.float16, device=device)
         launch = lambda: wp.launch(kernel, n, [net.params, inputs, y], device=device, block_dim=config.block)  # noqa: B023, E731

@@ -4,7 +4,6 @@ import numpy as np
 import warp as wp
 
 from warp_neural import MLP
-from warp_neural.coopvec import make_load, make_store
 
 SHAPES = [(2, 32), (3, 32), (2, 64), (3, 64)]  # hidden layers, neurons; as many inputs as neurons, 16 outputs
 BOUNDED = 512  # threads that a multiprocessor must hold: 128 registers a thread, which suits 64 neurons
@@ -97,18 +96,6 @@ def make_ordered_kernel(net: MLP, launch_bounds: tuple[int, int] | None = None):
         y[i] = total(func(net.select(params, network[i]), inputs(i)))
 
     return ordered_kernel
-
-
-def make_memory_kernel(net: MLP):
-    """A row of inputs to a row of outputs a thread, float16."""
-    func, load, store = net.func, make_load(net.spec.sizes[0], wp.float16), make_store(net.spec.sizes[-1], wp.float16)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def memory_kernel(params: net.Params, x: wp.array2d[wp.float16], y: wp.array2d[wp.float16]):
-        i = wp.tid()
-        store(y, i, func(params, load(x, i)))
-
-    return memory_kernel
 
 
 def layers_of(net: MLP, network: np.ndarray | int = 0) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from kernels.coopvec.rows import make_evaluate_kernel
 from perf.measure import Bench, Config, check
-from perf.networks import make_memory_kernel, make_net, shape_name, true_gradient
+from perf.networks import make_net, shape_name, true_gradient
 from perf.pictures import bars
 from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import progress, run
@@ -86,7 +87,7 @@ def row_trainer(config: Config, device: wp.Device, depth: int, width: int, batch
     checked = Trainer(net, sample=sample, data=rows, batch=some)
     expected = true_gradient(net, x[:some], target[:some].astype(np.float64))
     check(shape_name(depth, width), checked.gradient()[: net.n_parameters], expected, 1e-2)
-    kernel, y = make_memory_kernel(net), wp.zeros((batch, 16), dtype=wp.float16, device=device)
+    kernel, y = make_evaluate_kernel(net.of_row, net.vec_out), wp.zeros((batch, 16), dtype=wp.float16, device=device)
 
     def forward() -> None:
         wp.launch(kernel, batch, [net.params, rows.x, y], device=device, block_dim=64)

@@ -96,7 +96,7 @@ def test_run_stops_where_one_fails(monkeypatch, tmp_path, capsys):
 
 
 def test_a_wrong_result_is_not_timed():
-    with pytest.raises(RuntimeError, match="product: relative error 1.0e\\+00 is above 1.0e-03; nothing was timed"):
+    with pytest.raises(RuntimeError, match=r"product: relative error 1.0e\+00 is above 1.0e-03; nothing was timed"):
         measure.check("product", 2 * np.ones(4), np.ones(4), 1e-3)
 
 
