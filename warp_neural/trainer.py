@@ -209,10 +209,25 @@ class Trainer:
 
     def save(self, path: Path | str) -> None:
         """Write all that the run needs to go on, whole or not at all, as safetensors."""
-        save_checkpoint(self, path)
+        save_checkpoint(path, self.net, self.index, self._configuration(), self._state())
 
     def load(self, path: Path | str) -> None:
         """Go on where `save` was called: the same steps follow bit for bit (see the class). The trainer is to be made
         with the same arguments. Raises `InputError` for a damaged file or one of another network; nothing changes then.
         """
-        load_checkpoint(self, path)
+        self.index = load_checkpoint(path, self.net, self._configuration(), self._state())
+        self.progress.counters.fill_(self.index)
+
+    def _configuration(self) -> dict:
+        return {
+            "seed": self.seed,
+            "optimizer": type(self.optimizer).__name__,
+            "settings": list(map(float, self.optimizer.settings)),
+            "batches": self.batches,
+            "fused": self.fused,
+        }
+
+    def _state(self) -> dict[str, wp.array]:
+        """What changes from step to step beside the network."""
+        arrays = {name: getattr(self.progress, name) for name in ("skipped", "good", "flags", "scale", "losses")}
+        return arrays | {name: getattr(self.options, name) for name in ("first", "second", "average")}
