@@ -14,6 +14,7 @@ from perf.measure import Bench, Config, check
 from perf.networks import LIMITS, truth
 from warp_neural import MLP, Trainer, encodings, optim
 from warp_neural.cli import progress, run
+from warp_neural.image import displayed_psnr
 
 KINDS = [
     ("float32", "float32"),
@@ -60,10 +61,6 @@ def photograph(size: int) -> np.ndarray:
 
     image = astronaut().astype(np.float32) / 255
     return image.reshape(size, 512 // size, size, 512 // size, 3).mean((1, 3))
-
-
-def psnr(a: np.ndarray, b: np.ndarray) -> float:
-    return float(-10 * np.log10(np.mean((np.clip(a, 0, 1) - b) ** 2)))
 
 
 def encode(x: np.ndarray) -> np.ndarray:
@@ -116,9 +113,11 @@ def main(config: PrecisionConfig) -> dict:
         shown, row = y.numpy().copy(), f"{precision}, {accumulation} sums"
         check(row, shown, exact, ERRORS[precision])
         bench.time(row, "picture", launch)
-        bench.add(row, "PSNR", psnr(shown.reshape(image.shape), image), "dB")
+        picture = shown.reshape(image.shape)
+        psnr = displayed_psnr(image, np.clip(picture, 0, 1))
+        bench.add(row, "PSNR", psnr, "dB")
         bench.add(row, "error", float(np.linalg.norm(shown - exact) / np.linalg.norm(exact)), "")
-        pictures[f"{row}\n{psnr(shown.reshape(image.shape), image):.2f} dB"] = shown.reshape(image.shape)
+        pictures[f"{row}\n{psnr:.2f} dB"] = picture
     return bench.finish(lambda result: draw(pictures))
 
 

@@ -12,7 +12,7 @@ from kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make
 from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
 from kernels.losses import l2
 from kernels.optimizers import adam
-from kernels.training.encoded import make_adjoint_rows_kernel, make_encode_rows_kernel
+from kernels.training.encoded import make_adjoint_row, make_encode_row, make_rows_kernel
 from kernels.training.plan import make_plan
 from kernels.training.step import make_gradient_kernel
 from kernels.training.update import make_fused_update_kernel
@@ -85,8 +85,8 @@ def test_training_compiles_for_hopper(encoding, tmp_path):
     kernels = [make_gradient_kernel(spec, plan, corner, l2, None if trains else encode, trains is not None)]
     kernels.append(make_fused_update_kernel(adam, spec, plan))
     if trains:
-        kernels.append(make_encode_rows_kernel(corner, encode, spec.sizes[0], spec.format))
-        kernels.append(make_adjoint_rows_kernel(corner, trains, spec.sizes[0], spec.format))
+        uses = make_encode_row(encode, spec.sizes[0], spec.format), make_adjoint_row(trains, spec.sizes[0], spec.format)
+        kernels += [make_rows_kernel(corner, use, spec.format) for use in uses]
     for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)
         assert artifact.stat().st_size > 0

@@ -8,10 +8,11 @@ import reference
 import warp as wp
 
 from samples.mipmap.classical import box_filter, toksvig
-from samples.mipmap.judge import judge, psnr, random_directions, render
+from samples.mipmap.judge import judge, random_directions, render
 from samples.mipmap.learn import Learner, Recipe
 from samples.mipmap.maps import Maps, MaterialConfig, pack, source_maps
 from warp_neural.errors import InputError
+from warp_neural.image import displayed_psnr
 from warp_neural.optim import SGD, Adam
 
 SIDE = 32  # of the source; 8 x 8 texels learn
@@ -154,7 +155,7 @@ def test_pack_puts_a_texels_source_in_one_row(source):
 
 def test_psnr():
     picture = np.zeros((1, 4, 4, 3))
-    assert psnr(picture, picture + 0.1) == pytest.approx(20.0)
+    assert displayed_psnr(picture, picture + 0.1) == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,11 @@ def load_image(path: Path | str, *, color_space: ColorSpace | None = None) -> np
     return _to_linear(path, pixels, color_space)
 
 
+def displayed_psnr(truth: np.ndarray, picture: np.ndarray) -> float:
+    """Peak signal-to-noise ratio in dB of displayed values in [0, 1], of any shape; 120 at most."""
+    return float(-10 * np.log10(max(np.square(truth - picture, dtype=np.float64).mean(), 1e-12)))
+
+
 def save_image(
     path: Path | str, image: np.ndarray, *, color_space: ColorSpace | None = None, bits: int | None = None
 ) -> None:

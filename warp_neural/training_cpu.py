@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from kernels.losses import Loss
@@ -11,16 +10,16 @@ from kernels.training.cpu_step import make_cpu_gradient_kernel
 from kernels.training.progress import Progress
 from kernels.training.update import Update
 from warp_neural.network import MLP
-from warp_neural.training_steps import update_from_gradient
+from warp_neural.training_steps import Steps
 
 
-class FusedCpu:
+class FusedCpu(Steps):
     """One kernel for samples, forward, loss and gradients of a whole batch, in the order of the samples."""
 
     def __init__(
         self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
     ):
-        self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
+        super().__init__(net, optimizer, progress, options, data)
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
         self.kernel = make_cpu_gradient_kernel(net.spec, sample, loss, net.encode if net.encoding else None, adjoint)
         self.scratch = wp.zeros(areas(net.spec)[1], dtype=float, device=net.device)
@@ -31,11 +30,3 @@ class FusedCpu:
         net, chunk = self.net, [self.scratch, self.x, self.target]
         inputs = [net.params, self.data, self.progress, micro, self.options.batches, *chunk, net.gradient]
         wp.launch(self.kernel, 1, inputs, device=net.device, record_tape=False)
-
-    def update(self) -> None:
-        update_from_gradient(self.net, self.optimizer, self.progress, self.options, 0, last=True)
-        self.net.pack()
-
-    def gathered(self) -> np.ndarray:
-        """The gradient of the last batch, scaled."""
-        return self.net.gradient.numpy().copy()

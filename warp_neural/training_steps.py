@@ -10,7 +10,7 @@ import warp as wp
 
 from kernels.coopvec.spec import Parameters
 from kernels.losses import Loss
-from kernels.training.encoded import make_adjoint_rows_kernel, make_encode_rows_kernel, row_type
+from kernels.training.encoded import make_adjoint_row, make_encode_row, make_rows_kernel, row_type
 from kernels.training.general import collect_kernel, make_loss_kernel, make_sample_kernel
 from kernels.training.plan import Plan, make_plan
 from kernels.training.progress import Progress
@@ -29,13 +29,39 @@ from warp_neural.training_layout import fragment_order, packed_targets
 TILE = 256  # threads of a block of the general kernels
 
 
-class General:
+class Steps:
+    """The common part: gradients add up in `net.gradient`, from where all parameters are updated."""
+
+    def __init__(self, net: MLP, optimizer: Any, progress: Progress, options: Update, data: Any):
+        self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
+
+    def update(self) -> None:
+        self.update_from(0, last=True)
+        self.net.pack()
+
+    def update_from(self, first: int, last: bool) -> None:
+        """Update the parameters from `first` on from `net.gradient`, which is cleared."""
+        net = self.net
+        wp.launch(
+            make_update_kernel(self.optimizer.update),
+            dim=-(-(net.master.size - first) // PER_THREAD),
+            inputs=[self.progress, self.options, first, last, net.gradient, net.master],
+            device=net.device,
+            record_tape=False,
+        )
+
+    def gathered(self) -> np.ndarray:
+        """The sum of the gradients, scaled, in the order of `net.master`."""
+        return self.net.gradient.numpy().copy()
+
+
+class General(Steps):
     """For every network and device: samples to memory, the loss of each through `net.func`, and its adjoint."""
 
     def __init__(
         self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
     ):
-        self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
+        super().__init__(net, optimizer, progress, options, data)
         spec, device = net.spec, net.device
         self.samples = make_sample_kernel(sample, net.vec_in, spec.sizes[-1])
         self.loss = make_loss_kernel(net.func, spec, net.vec_in, loss)
@@ -56,14 +82,6 @@ class General:
             self.loss, inputs=inputs, adj_inputs=[Parameters(), Progress(), None, None, None], adjoint=True, **launch
         )
 
-    def update(self) -> None:
-        update_from_gradient(self.net, self.optimizer, self.progress, self.options, 0, last=True)
-        self.net.pack()
-
-    def gathered(self) -> np.ndarray:
-        """The sum of the gradients, in the order of `net.master`."""
-        return self.net.gradient.numpy().copy()
-
 
 def plan_of(net: MLP) -> Plan | None:
     """How a block of the network's CUDA device trains it in one kernel, if one can."""
@@ -71,7 +89,7 @@ def plan_of(net: MLP) -> Plan | None:
     return make_plan(net.spec, net.device.max_shared_memory_per_block) if can_multiply else None
 
 
-class FusedCuda:
+class FusedCuda(Steps):
     """One kernel for samples, forward, loss and gradients, one for the update of all parameters.
 
     An encoding with parameters has one kernel before and one after it, and an update of its own.
@@ -80,7 +98,7 @@ class FusedCuda:
     def __init__(
         self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
     ):
-        self.net, self.optimizer, self.progress, self.options, self.data = net, optimizer, progress, options, data
+        super().__init__(net, optimizer, progress, options, data)
         self.plan, device = plan_of(net), net.device
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
         self.by_rows = adjoint is not None
@@ -88,8 +106,8 @@ class FusedCuda:
         self.kernel = make_gradient_kernel(net.spec, self.plan, sample, loss, encode, self.by_rows)
         width, format = net.spec.sizes[0], net.spec.format
         if self.by_rows:
-            self.encode = make_encode_rows_kernel(sample, net.encode, width, format)
-            self.adjoint = make_adjoint_rows_kernel(sample, adjoint, width, format)
+            self.encode = make_rows_kernel(sample, make_encode_row(net.encode, width, format), format)
+            self.adjoint = make_rows_kernel(sample, make_adjoint_row(adjoint, width, format), format)
         self.rows = wp.zeros((batch if self.by_rows else 0, width), dtype=row_type(format), device=device)
         self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, self.plan)
         blocks = min(device.sm_count, -(-batch // self.plan.threads))  # one on each multiprocessor
@@ -112,26 +130,14 @@ class FusedCuda:
     def update(self) -> None:
         net = self.net
         if self.by_rows:
-            update_from_gradient(net, self.optimizer, self.progress, self.options, net.encoding_start, last=False)
+            self.update_from(net.encoding_start, last=False)
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
         block = update_block(self.plan)
         dim = -(-(self.plan.floats + 1) // GROUP) * block
         self._launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block)
 
     def gathered(self) -> np.ndarray:
-        """The sum of the gradients, scaled, in the order of `net.master`."""
-        gradient = self.net.gradient.numpy().copy()  # of the encoding
+        gradient = super().gathered()  # of the encoding
         order, total = self.order.numpy(), self.partial.numpy().sum(0, dtype=np.float64)[: self.plan.floats]
         gradient[order[order >= 0]] = total[order >= 0]
         return gradient
-
-
-def update_from_gradient(net: MLP, optimizer, progress: Progress, options: Update, first: int, last: bool) -> None:
-    """Update the parameters from `first` on from `net.gradient`, which is cleared."""
-    wp.launch(
-        make_update_kernel(optimizer.update),
-        dim=-(-(net.master.size - first) // PER_THREAD),
-        inputs=[progress, options, first, last, net.gradient, net.master],
-        device=net.device,
-        record_tape=False,
-    )

@@ -9,7 +9,7 @@ import warp as wp
 
 from kernels.coopvec.memory import make_load, make_store
 from kernels.coopvec.spec import FLOAT16, Format, Parameters
-from kernels.training.general import data_type, make_draw
+from kernels.training.general import data_type, make_convert, make_draw
 from kernels.training.progress import Progress, batch_of
 
 
@@ -18,50 +18,43 @@ def row_type(format: Format) -> type:
 
 
 @cache
-def make_convert(n: int, source: type, target: type) -> wp.Function:
-    """Between vectors of n float16 and float32."""
-    vec_in, vec_out = wp.types.vector(n, source), wp.types.vector(n, target)
-
-    @wp.func_native(
-        f"wp::vec_t<{n}, wp::{target.__name__}> y;\n"
-        f"for (int i = 0; i < {n}; ++i) y.c[i] = static_cast<wp::{target.__name__}>(x.c[i]);\nreturn y;\n"
-    )
-    def convert(x: vec_in) -> vec_out: ...
-
-    return convert
-
-
-@cache
-def make_encode_rows_kernel(sample: wp.Function, encode: wp.Function, n: int, format: Format) -> wp.Kernel:
-    """dim (largest batch): row i is the encoded sample i. Arguments as of the fused kernel."""
+def make_rows_kernel(sample: wp.Function, use: wp.Function, format: Format) -> wp.Kernel:
+    """dim (largest batch): `use(params, x, rows, i)` of every sample i. Arguments as of the fused kernel."""
     draw, data, rows_of = make_draw(sample), data_type(sample), row_type(format)
-    convert, store = make_convert(n, wp.float32, rows_of), make_store(n, rows_of)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def encode_rows_kernel(params: Parameters, data: data, progress: Progress, micro: int, rows: wp.array2d[rows_of]):
+    def rows_kernel(params: Parameters, data: data, progress: Progress, micro: int, rows: wp.array2d[rows_of]):
         i = wp.tid()
         step = progress.counters[0]
         batch = batch_of(progress, step)
         if i < batch:
             x, _target = draw(progress, step, micro * batch + i, data)
-            store(rows, i, convert(encode(params, x)))
+            use(params, x, rows, i)
 
-    return encode_rows_kernel
+    return rows_kernel
 
 
 @cache
-def make_adjoint_rows_kernel(sample: wp.Function, adjoint: wp.Function, n: int, format: Format) -> wp.Kernel:
-    """dim (largest batch): row i is the gradient to the encoded sample i; adds to `params.master.grad`."""
-    draw, data, rows_of = make_draw(sample), data_type(sample), row_type(format)
-    convert, load = make_convert(n, rows_of, wp.float32), make_load(n, rows_of)
+def make_encode_row(encode: wp.Function, n: int, format: Format) -> wp.Function:
+    """For `make_rows_kernel`: row i becomes the encoded x."""
+    rows_of = row_type(format)
+    convert, store, vec_in = make_convert(n, wp.float32, rows_of), make_store(n, rows_of), encode.input_types["x"]
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def adjoint_rows_kernel(params: Parameters, data: data, progress: Progress, micro: int, rows: wp.array2d[rows_of]):
-        i = wp.tid()
-        step = progress.counters[0]
-        batch = batch_of(progress, step)
-        if i < batch:
-            x, _target = draw(progress, step, micro * batch + i, data)
-            adjoint(params, x, convert(load(rows, i)))
+    @wp.func
+    def encode_row(params: Parameters, x: vec_in, rows: wp.array2d[rows_of], i: int):
+        store(rows, i, convert(encode(params, x)))
 
-    return adjoint_rows_kernel
+    return encode_row
+
+
+@cache
+def make_adjoint_row(adjoint: wp.Function, n: int, format: Format) -> wp.Function:
+    """For `make_rows_kernel`: row i is the gradient to the encoded x; adds to `params.master.grad`."""
+    rows_of = row_type(format)
+    convert, load, vec_in = make_convert(n, rows_of, wp.float32), make_load(n, rows_of), adjoint.input_types["x"]
+
+    @wp.func
+    def adjoint_row(params: Parameters, x: vec_in, rows: wp.array2d[rows_of], i: int):
+        adjoint(params, x, convert(load(rows, i)))
+
+    return adjoint_row

@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from kernels.coopvec.spec import NetworkSpec, Parameters
+from kernels.coopvec.spec import C_TYPES, NetworkSpec, Parameters
 from kernels.losses import Loss
 from kernels.sampling import random_stream
 from kernels.training.progress import Progress, batch_of
@@ -54,25 +54,26 @@ def make_sample_kernel(sample: wp.Function, vec_in: type, n_out: int) -> wp.Kern
 
 
 @cache
-def make_to_float(n: int) -> wp.Function:
-    """A vector of float16 as float32."""
-    half, full = wp.types.vector(n, wp.float16), wp.types.vector(n, wp.float32)
+def make_convert(n: int, source: type, target: type) -> wp.Function:
+    """Between vectors of n float16 and float32; differentiable."""
+    vec_in, vec_out = wp.types.vector(n, source), wp.types.vector(n, target)
 
     @wp.func_native(
-        f"wp::vec_t<{n}, wp::float32> y;\nfor (int i = 0; i < {n}; ++i) y.c[i] = static_cast<wp::float32>(x.c[i]);\n"
-        "return y;\n",
-        adj_snippet=f"for (int i = 0; i < {n}; ++i) adj_x.c[i] += wp::float16(adj_ret.c[i]);\n",
+        f"wp::vec_t<{n}, {C_TYPES[target]}> y;\n"
+        f"for (int i = 0; i < {n}; ++i) y.c[i] = static_cast<{C_TYPES[target]}>(x.c[i]);\nreturn y;\n",
+        adj_snippet=f"for (int i = 0; i < {n}; ++i) adj_x.c[i] += static_cast<{C_TYPES[source]}>(adj_ret.c[i]);\n",
     )
-    def to_float(x: half) -> full: ...
+    def convert(x: vec_in) -> vec_out: ...
 
-    return to_float
+    return convert
 
 
 @cache
 def make_loss_kernel(func: wp.Function, spec: NetworkSpec, vec_in: type, loss: Loss) -> wp.Kernel:
     """dim (largest batch): `losses[i]` of sample i, differentiable."""
     n_out = spec.sizes[-1]
-    value, vec_out, to_float = loss.value(n_out), wp.types.vector(n_out, float), make_to_float(n_out)
+    value, vec_out = loss.value(n_out), wp.types.vector(n_out, float)
+    to_float = make_convert(n_out, wp.float16, wp.float32)
     is_half = spec.dtype is wp.float16
 
     @wp.kernel(module="unique", module_options={"enable_mathdx_gemm": False})

@@ -55,8 +55,9 @@ def store_half(packed: wp.array[wp.uint32], element: int, bits: wp.uint32): ...
 
 @wp.struct
 class Update:
-    """settings, first, second: of the optimizer. scale: dynamic: the gradients' scale adapts. batches: of a step, whose
-    gradients were added. average: of the parameters, decaying by `decay` a step; empty: none is kept."""
+    """settings, first, second: of the optimizer. dynamic: the scale of gradients adapts. batches: of a step, whose
+    gradients were added. average: of the parameters, decaying by `decay` a step; empty: none is kept.
+    """
 
     settings: wp.vec4
     first: wp.array[float]
@@ -69,7 +70,7 @@ class Update:
 
 @wp.struct
 class Rates:
-    """What all parameters of a step share: mean is what the sum of gradients is multiplied by."""
+    """What all parameters of a step share; mean: what the sum of scaled gradients is multiplied by."""
 
     skip: bool
     rate: float
@@ -132,7 +133,8 @@ def advance(progress: Progress, dynamic: bool):
 def make_update_kernel(update: wp.Function) -> wp.Kernel:
     """The general form, from parameter `first` on: gradients lie in `gradient`, which is cleared. last: of the step.
 
-    dim ceil(parameters / PER_THREAD)."""
+    dim ceil(parameters / PER_THREAD).
+    """
 
     @wp.kernel(module="unique", enable_backward=False)
     def update_kernel(
@@ -196,10 +198,9 @@ def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan)
                     place = target[i]
                     state = wp.vec3(master[i], options.first[i], options.second[i])
         g = sum_of_column(partial, column) * rates.mean
-        if updates and column == floats:
-            progress.losses[progress.counters[1] % progress.losses.shape[0]] = (
-                g * progress.scale[progress.counters[1] % 2]
-            )
+        if updates and column == floats:  # the losses' sum is not scaled
+            step = progress.counters[1]
+            progress.losses[step % progress.losses.shape[0]] = g * progress.scale[step % 2]
             advance(progress, options.dynamic)
         if i >= 0 and not rates.skip:
             state = update(g, state, rates.rate, rates.corrections, options.settings)

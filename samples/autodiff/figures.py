@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_neural.files import atomic_path
+from samples.figures import save_figure, show
 from warp_neural.image import linear_to_srgb
 
 
@@ -21,8 +21,8 @@ def save_sheet(
 
     figure = Figure(figsize=(15, 8), layout="constrained")
     axes = figure.subplots(2, 2)
-    _show(axes[0, 0], linear_to_srgb(np.clip(colors, 0, 1)), "shaded with normals by forward mode")
-    _show(axes[0, 1], np.where(hit[..., None], normals * 0.5 + 0.5, 1), "normals by forward mode")
+    show(axes[0, 0], linear_to_srgb(np.clip(colors, 0, 1)), "shaded with normals by forward mode")
+    show(axes[0, 1], np.where(hit[..., None], normals * 0.5 + 0.5, 1), "normals by forward mode")
     steps = {name: error for name, error in errors.items() if name != "forward"}
     best = min(steps, key=lambda name: steps[name][solid].mean())
     title = f"forward mode: mean error {errors['forward'][solid].mean():.1e}°"
@@ -30,17 +30,10 @@ def save_sheet(
     title = f"central differences, best step {best.removeprefix('h_')}: mean error {steps[best][solid].mean():.1e}°"
     shown = _show_error(axes[1, 1], steps[best], hit, title)
     figure.colorbar(shown, ax=axes[1, :], label="log10 of the error in degrees", shrink=0.8)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110, bbox_inches="tight")
-
-
-def _show(axis, picture: np.ndarray, title: str):
-    axis.set_title(title, fontsize=11)
-    axis.axis("off")
-    return axis.imshow(picture)
+    save_figure(path, figure)
 
 
 def _show_error(axis, error: np.ndarray, hit: np.ndarray, title: str):
-    shown = _show(axis, np.where(hit, np.log10(np.maximum(error, 1e-12)), np.nan), title)
+    shown = show(axis, np.where(hit, np.log10(np.maximum(error, 1e-12)), np.nan), title)
     shown.set(cmap="magma", clim=(-6, 1))
     return shown

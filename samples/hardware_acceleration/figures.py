@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_neural.files import atomic_path
-from warp_neural.image import save_image
+from samples.figures import save_figure, save_picture
 
 LABELS = {
     "per_thread": "per thread",
@@ -19,7 +18,7 @@ LABELS = {
 
 def save_crops(path: Path, crops: list[np.ndarray]) -> None:
     """8-bit sRGB crops side by side."""
-    save_image(path, np.concatenate(crops, axis=1) / np.float32(255), color_space="linear")
+    save_picture(path, np.concatenate(crops, axis=1) / np.float32(255))
 
 
 def save_times(path: Path, charts: dict[str, dict[str, float]]) -> None:
@@ -33,5 +32,4 @@ def save_times(path: Path, charts: dict[str, dict[str, float]]) -> None:
         axis.bar_label(bars, [f"{t:.3g} ms\n{slowest / t:.3g}x" for t in times.values()], padding=2)
         axis.set(title=title, ylabel="milliseconds a step", yscale="log")
         axis.set_ylim(0.5 * min(times.values()), 5 * slowest)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    save_figure(path, figure)

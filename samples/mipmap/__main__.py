@@ -37,13 +37,14 @@ import warp as wp
 from samples.mipmap.chain import learn_chain
 from samples.mipmap.classical import box_filter, toksvig
 from samples.mipmap.figures import save_comparison, save_curves, save_maps
-from samples.mipmap.judge import Errors, flip, judge, psnr, random_directions, render, workers
+from samples.mipmap.judge import Errors, flip, judge, random_directions, render, workers
 from samples.mipmap.learn import Learner, Recipe, run
 from samples.mipmap.maps import Maps, MaterialConfig, pack, source_maps
 from samples.mipmap.sweep import sweep
 from warp_neural import cli
 from warp_neural.errors import InputError
 from warp_neural.files import atomic_path
+from warp_neural.image import displayed_psnr
 from warp_neural.optim import SGD, Adam
 
 BALANCE = (0.25, 0.75)  # of linear and displayed error in the loss
@@ -173,7 +174,7 @@ def compare_pictures(config: Config, source: wp.array, answers: dict[str, Maps],
     save_comparison(config.out / "comparison.png", truth[0], shown, metrics)
     quality = {}
     for name, picture in zip(answers, pictures, strict=True):
-        quality[f"psnr_{name}"] = psnr(truth[1:], picture[1:])
+        quality[f"psnr_{name}"] = displayed_psnr(truth[1:], picture[1:])
         quality[f"flip_{name}"] = flip(truth[1:], picture[1:])
     return quality
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from samples.figures import save_figure, show
 from samples.mipmap.maps import Maps
 from warp_neural.exr import save_exr
-from warp_neural.files import atomic_path
 from warp_neural.image import save_image
 
 LABELS = {"box": "box filter", "toksvig": "Toksvig", "sgd": "SGD, course's gradients", "adam": "learned (Adam)"}
@@ -26,14 +26,14 @@ def save_comparison(path: Path, truth: np.ndarray, pictures: dict[str, np.ndarra
 
     figure = Figure(figsize=(3.2 * (1 + len(pictures)), 7.4), layout="constrained")
     axes = figure.subplots(2, 1 + len(pictures))
-    _show(axes[0, 0], truth, "reference\nshaded in full resolution, then averaged")
+    show(axes[0, 0], truth, "reference\nshaded in full resolution, then averaged")
     axes[1, 0].axis("off")
     axes[1, 0].text(0, 0.95, NOTE, va="top")
     for column, (name, picture) in enumerate(pictures.items(), start=1):
         figures = f"linear {metrics[f'linear_{name}']:.3g}   display {metrics[f'display_{name}']:.3g}"
-        _show(axes[0, column], picture, f"{LABELS[name]}\n{figures}")
-        _show(axes[1, column], np.clip(2 * np.abs(picture - truth), 0, 1), f"error of {LABELS[name]}")
-    _save(path, figure)
+        show(axes[0, column], picture, f"{LABELS[name]}\n{figures}")
+        show(axes[1, column], np.clip(2 * np.abs(picture - truth), 0, 1), f"error of {LABELS[name]}")
+    save_figure(path, figure)
 
 
 def save_curves(path: Path, curves: dict[str, np.ndarray]) -> None:
@@ -50,7 +50,7 @@ def save_curves(path: Path, curves: dict[str, np.ndarray]) -> None:
         axis.set(title=f"{title} error on held-out pairs", xlabel="step", ylabel="mean squared error", yscale="log")
         axis.grid(alpha=0.3)
         axis.legend()
-    _save(path, figure)
+    save_figure(path, figure)
 
 
 def save_maps(folder: Path, maps: Maps) -> None:
@@ -68,19 +68,3 @@ def stacked(maps: Maps) -> np.ndarray:
     """`[height, width, 9]`, in the order of CHANNELS."""
     images = [image if image.ndim == 3 else image[..., None] for image in maps.arrays().values()]
     return np.concatenate(images, axis=-1)
-
-
-def save_picture(path: Path, displayed: np.ndarray) -> None:
-    """Displayed values `[height, width, 3]` as they are."""
-    save_image(path, np.clip(displayed, 0, 1), color_space="linear")
-
-
-def _show(axis, picture: np.ndarray, title: str) -> None:
-    axis.imshow(np.clip(picture, 0, 1), interpolation="nearest")
-    axis.set_title(title, fontsize=9)
-    axis.axis("off")
-
-
-def _save(path: Path, figure) -> None:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120, bbox_inches="tight")

@@ -117,11 +117,6 @@ def random_directions(count: int, seed: int) -> np.ndarray:
     return np.stack([sine * np.cos(phi), sine * np.sin(phi), z], axis=-1).astype(np.float32)
 
 
-def psnr(truth: np.ndarray, picture: np.ndarray) -> float:
-    """Peak signal-to-noise ratio in dB over all pictures together, `[pictures, height, width, 3]` in [0, 1]."""
-    return float(-10 * np.log10(max(np.square(truth - picture, dtype=np.float64).mean(), 1e-12)))
-
-
 def flip(truth: np.ndarray, picture: np.ndarray) -> float:
     """FLIP (Andersson et al. 2020), the mean over pictures; its default viewing distance of 67 pixels a degree."""
     import flip_evaluator

@@ -7,7 +7,7 @@ A light nearly overhead, the viewer straight above: the wet stones glitter. Expe
 
 import warp as wp
 
-from samples.mipmap.figures import save_picture
+from samples.figures import save_picture
 from samples.mipmap.maps import Maps, MaterialConfig, source_maps
 from warp_neural import cli
 from warp_neural.shading import brdf, display

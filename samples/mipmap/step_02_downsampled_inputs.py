@@ -9,7 +9,7 @@ directions now shines in few. Only the mean is right: expect 0.159, and 0.158 in
 import numpy as np
 import warp as wp
 
-from samples.mipmap.figures import save_picture
+from samples.figures import save_picture
 from samples.mipmap.maps import MaterialConfig, source_maps
 from samples.mipmap.step_01_basic_program import render, shown, upload
 from warp_neural import cli

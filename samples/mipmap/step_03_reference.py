@@ -8,7 +8,7 @@ like. It costs 16 evaluations a texel where step 2 costs one. Expect step 1's me
 
 import numpy as np
 
-from samples.mipmap.figures import save_picture
+from samples.figures import save_picture
 from samples.mipmap.maps import MaterialConfig, source_maps
 from samples.mipmap.step_01_basic_program import render, shown, upload
 from samples.mipmap.step_02_downsampled_inputs import downsampled, enlarge

@@ -8,7 +8,7 @@ Bright where filtered maps fail: on the glossy parts, hardly on the rough ones. 
 import numpy as np
 import warp as wp
 
-from samples.mipmap.figures import save_picture
+from samples.figures import save_picture
 from samples.mipmap.maps import MaterialConfig, source_maps
 from samples.mipmap.step_01_basic_program import render, shown, upload
 from samples.mipmap.step_02_downsampled_inputs import downsampled, enlarge

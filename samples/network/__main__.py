@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 
 import warp_neural as wn
+from samples.figures import save_figure, show
 from samples.network import (
     step_01_basic_network,
     step_02_multiple_layers,
@@ -83,11 +84,8 @@ def save_sheet(path: Path, target: np.ndarray, pictures: dict[str, np.ndarray], 
     titles = {name: title(name, metrics) for name in pictures}
     shown = {"target": target, **pictures}
     for axis, name in zip(figure.subplots(3, 3).flat, shown, strict=True):
-        axis.imshow(srgb_codes(shown[name]).astype(np.uint8), interpolation="nearest")
-        axis.set_title(titles.get(name, f"target\n{width} x {height}"), fontsize=9)
-        axis.axis("off")
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+        show(axis, srgb_codes(shown[name]) / 255, titles.get(name, f"target\n{width} x {height}"))
+    save_figure(path, figure)
 
 
 def title(name: str, metrics: dict) -> str:

@@ -8,7 +8,7 @@ from skimage import data
 
 from warp_neural.cli import CommonConfig
 from warp_neural.errors import InputError
-from warp_neural.image import linear_to_srgb, load_image, save_image, srgb_to_linear
+from warp_neural.image import displayed_psnr, linear_to_srgb, load_image, save_image, srgb_to_linear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,9 +46,8 @@ def load_target(config: Config) -> np.ndarray:
 
 
 def psnr(picture: np.ndarray, target: np.ndarray) -> float:
-    """Of two linear pictures as 8-bit sRGB, in dB: all pixels and channels, peak 255. Equal ones count as 99."""
-    error = np.square(srgb_codes(picture) - srgb_codes(target)).mean()
-    return float(10 * np.log10(255**2 / error)) if error else 99.0
+    """Of two linear pictures as 8-bit sRGB, in dB: all pixels and channels."""
+    return displayed_psnr(srgb_codes(target) / 255, srgb_codes(picture) / 255)
 
 
 def srgb_codes(linear: np.ndarray) -> np.ndarray:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_neural.files import atomic_path
-from warp_neural.image import linear_to_srgb, save_image
+from samples.figures import save_figure, show
+from warp_neural.image import linear_to_srgb
 
 
 def save_spheres(path: Path, analytic: np.ndarray, neural: np.ndarray, gain: float, title: str) -> None:
@@ -41,22 +41,6 @@ def save_sheet(path: Path, pictures: np.ndarray, roughness: np.ndarray, angles: 
         axis.set_ylabel("roughness")
         axis.spines[:].set_visible(False)
     save_figure(path, figure)
-
-
-def show(axis, picture: np.ndarray, title: str) -> None:
-    axis.imshow(np.clip(picture, 0, 1), interpolation="nearest")
-    axis.set_title(title, fontsize=10)
-    axis.axis("off")
-
-
-def save_figure(path: Path, figure) -> None:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110, bbox_inches="tight")
-
-
-def save_picture(path: Path, displayed: np.ndarray) -> None:
-    """Displayed values `[height, width, 3]` as they are."""
-    save_image(path, np.clip(displayed, 0, 1), color_space="linear")
 
 
 def save_fits(path: Path, truth: np.ndarray, fits: dict[str, np.ndarray], metrics: dict[str, dict]) -> None:

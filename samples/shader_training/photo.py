@@ -10,7 +10,7 @@ import warp as wp
 import warp_neural as wn
 from warp_neural.cli import CommonConfig
 from warp_neural.errors import InputError
-from warp_neural.image import linear_to_srgb, load_image, srgb_to_linear
+from warp_neural.image import displayed_psnr, linear_to_srgb, load_image, srgb_to_linear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +41,7 @@ def load_photo(config: PhotoConfig) -> np.ndarray:
 
 def psnr(truth: np.ndarray, picture: np.ndarray) -> float:
     """In dB, of sRGB values of linear pictures."""
-    error = np.square(linear_to_srgb(truth) - linear_to_srgb(picture), dtype=np.float64).mean()
-    return float(-10 * np.log10(max(error, 1e-12)))
+    return displayed_psnr(linear_to_srgb(truth), linear_to_srgb(picture))
 
 
 @wp.func

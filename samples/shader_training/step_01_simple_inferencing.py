@@ -13,12 +13,13 @@ import numpy as np
 import warp as wp
 
 import warp_neural as wn
+from samples.figures import save_picture
 from samples.shader_training.disney import cosines
-from samples.shader_training.figures import save_picture
 from samples.shader_training.look import LookConfig, check, light_of, surface_of
 from samples.shader_training.spheres import Surface, render, shade, trace
 from samples.shader_training.train import Recipe, load, make_net, train
 from warp_neural import cli
+from warp_neural.image import displayed_psnr
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +64,7 @@ def main(config: Config) -> dict:
 
     analytic = render(net, surface, np.array([config.roughness]), light[None], config.size)[0, 0]
     save_picture(config.out / "step_01.png", np.concatenate([analytic, image.numpy()], axis=1))
-    error = np.square(image.numpy() - analytic, dtype=np.float64).mean()
-    return {"psnr": float(-10 * np.log10(max(error, 1e-12))), "network": str(config.network)}
+    return {"psnr": displayed_psnr(analytic, image.numpy()), "network": str(config.network)}
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 import warp_neural as wn
-from samples.shader_training.figures import save_picture
+from samples.figures import save_picture
 from samples.shader_training.photo import PhotoConfig, bilinear, load_photo, picture, psnr
 from warp_neural import cli
 from warp_neural.image import linear_to_srgb
