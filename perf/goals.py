@@ -150,6 +150,6 @@ TESTED = {
     "A: the same seed, the same maps": "test_samples",
     "B: exact with small integers, bounds for every precision": "test_network, test_operations, test_mlp",
     "B: CPU against CUDA, divergence, any size and block": "test_divergence, test_network",
-    "C: fused, taped and float64 gradients agree": "test_trainer, test_training_cpu",
+    "C: fused, taped and float64 gradients agree": "test_trainer_gradients, test_training_cpu",
     "C: checkpoints, resumed runs, bad targets and rates": "test_trainer",
 }

@@ -1,0 +1,93 @@
+"""`Trainer`: gradients against float64 NumPy, and of the fused kernels against the adjoint of the loss."""
+
+import pytest
+from networks import error, random_biases
+from trainers import trainer, true_gradient
+
+import warp_neural as wn
+from kernels.training.plan import make_plan
+from warp_neural import activations, encodings, losses
+
+# width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
+CASES = [
+    (16, 1, 2, 3, "float16", "float32", activations.relu, 70),
+    (16, 5, 5, 16, "float16", "float16", activations.leaky_relu, 300),
+    (32, 3, 32, 4, "float16", "float16", activations.relu, 1000),
+    (32, 2, 20, 17, "bfloat16", "float32", activations.relu, 33),
+    (32, 2, 2, 3, "float32", "float32", activations.silu, 100),
+    (64, 2, 64, 16, "float16", "float32", activations.gelu, 600),
+    (64, 3, 10, 1, "float16", "float32", activations.relu, 1),
+    (64, 4, 40, 5, "float16", "float32", activations.tanh, 200),
+    (20, 2, 3, 3, "float16", "float32", activations.sine, 100),
+    (128, 1, 8, 3, "float16", "float32", activations.relu, 50),
+    (128, 3, 8, 3, "float32", "float32", activations.relu, 50),
+    (16, 0, 7, 3, "float16", "float32", activations.relu, 100),
+]
+
+
+@pytest.mark.parametrize("width, depth, n_in, n_out, precision, accumulation, activation, n", CASES)
+def test_gradient(device, width, depth, n_in, n_out, precision, accumulation, activation, n):
+    kind = {"precision": precision, "accumulation": accumulation, "activation": activation, "device": device}
+    net = random_biases(wn.MLP(n_in, n_out, width, depth, seed=1, **kind))
+    run, x, target = trainer(net, n)
+    bound = {"float32": 1e-5, "float16": 1e-2, "bfloat16": 4e-2}[precision]  # bfloat16 keeps 3 bits fewer
+    assert error(run.gradient()[: net.n_parameters], true_gradient(net, x, target)) < bound
+    assert run.gradient().any()  # and no step was taken
+    assert run.index == 0
+
+
+@pytest.mark.parametrize("activation", activations.ALL, ids=lambda a: a.name)
+def test_fused_and_general_gradients_agree(device, activation):
+    if device.is_cpu and activation not in (activations.relu, activations.sine, activations.sigmoid):
+        pytest.skip("the fused path of the CPU is compared in test_training_cpu")
+    kind = {"activation": activation, "output_activation": activation, "device": device, "precision": "float16"}
+    net = random_biases(wn.MLP(5, 3, 32, 2, seed=2, **kind))
+    gradients = [trainer(net, 100, fused=fused)[0].gradient() for fused in (None, False)]
+    assert error(*gradients) < 5e-3
+
+
+ENCODINGS = [
+    encodings.LatentTexture(8, 6, 4),
+    encodings.Concatenate((encodings.Identity(), encodings.LatentTexture(5, 5, 3, wrap=True))),
+    encodings.HashGrid(levels=4, log2_size=8, base_resolution=4),
+    encodings.Frequency(3),
+    encodings.TriangleWave(3),
+    encodings.OneBlob(8),
+    encodings.SphericalHarmonics(4),
+]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS, ids=lambda e: type(e).__name__)
+def test_gradient_with_an_encoding(device, encoding):
+    if device.is_cpu and encoding not in ENCODINGS[1:3]:
+        pytest.skip("two of them are compiled for the CPU, all for CUDA")
+    n_in = 3 if isinstance(encoding, encodings.SphericalHarmonics) else 2
+    net = random_biases(wn.MLP(n_in, 3, 32, 2, encoding=encoding, device=device, precision="float16"))
+    gradients = [trainer(net, 100, fused=fused)[0].gradient() for fused in (None, False)]
+    assert error(*gradients) < 5e-3
+    if encoding.n_parameters(n_in):
+        taped, mine = (g[net.encoding_start :] for g in gradients)
+        assert error(taped, mine) < 1e-2
+
+
+LOSSES = [losses.relative_l2.weighted(1, 10, 5), losses.cross_entropy, losses.l1, losses.l2, losses.relative_l1]
+LOSSES += [losses.mape, losses.smape, losses.huber(0.5), losses.gamma_l2]
+
+
+@pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: loss.name)
+def test_gradient_of_a_loss(device, loss):
+    if device.is_cpu and loss not in LOSSES[:2]:
+        pytest.skip("two of them are compiled for the CPU, all for CUDA")
+    net = random_biases(wn.MLP(4, 3, 16, 1, device=device, precision="float16"))
+    gradients = [trainer(net, 64, fused=fused, loss=loss)[0].gradient() for fused in (None, False)]
+    assert error(*gradients) < 5e-3
+
+
+def test_which_networks_have_a_plan():
+    """Shared memory and registers are enough up to these depths, on an H200 and on a GeForce."""
+    for shared, shapes in ((227, ((16, 8), (32, 5), (64, 4))), (99, ((16, 5), (32, 3)))):
+        for width, depth in shapes:
+            plan = make_plan(wn.MLP(width, 16, width, depth, device="cpu").spec, shared * 1024)
+            assert plan.words * 4 <= (shared - 15) * 1024 and plan.sums <= 208
+    assert make_plan(wn.MLP(128, 16, 128, 3, device="cpu").spec) is None
+    assert make_plan(wn.MLP(64, 16, 64, 3, device="cpu").spec, 99 * 1024) is None

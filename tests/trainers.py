@@ -1,0 +1,61 @@
+"""Trainers of small networks on given pairs of inputs and targets, and the gradient that they are to find."""
+
+from functools import cache
+
+import numpy as np
+import reference_networks as reference
+import warp as wp
+from networks import samples
+
+import warp_neural as wn
+
+
+@wp.struct
+class Pairs:
+    x: wp.array2d[float]
+    target: wp.array2d[float]
+
+
+@cache
+def make_sample(n_in: int, n_out: int):
+    vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(n_out, float)
+
+    @wp.func
+    def sample(index: int, random: wp.uint32, pairs: Pairs):
+        row = index % pairs.x.shape[0]
+        x = vec_in()
+        target = vec_out()
+        for k in range(pairs.x.shape[1]):
+            x[k] = pairs.x[row, k]
+        for n in range(pairs.target.shape[1]):
+            target[n] = pairs.target[row, n]
+        return x, target
+
+    return sample
+
+
+def pairs(n, net, device, seed=0):
+    data = Pairs()
+    x, target = samples(n, net.n_in, seed), samples(n, net.spec.sizes[-1], seed + 1)
+    data.x, data.target = (wp.array(a, dtype=float, device=device) for a in (x, target))
+    return data, x, target
+
+
+def trainer(net, n, **options):
+    data, x, target = pairs(n, net, net.device)
+    result = wn.Trainer(net, sample=make_sample(net.n_in, net.spec.sizes[-1]), data=data, **{"batch": n} | options)
+    return result, x, target
+
+
+def true_gradient(net, x, target):
+    """Of the mean of squares, in the order of `net.master`."""
+    functions = [reference.ACTIVATIONS[net.spec.activation_of(i).name] for i in range(len(net.spec.layers))]
+    weights = [reference.rounded(w, net.spec.format.name) for w in net.weights]
+    y = reference.mlp(weights, net.biases, functions, x)
+    dy = 2 * (y - target) / target.size
+    _, dw, db, _ = reference.mlp(weights, net.biases, functions, x, dy)
+    return np.concatenate([np.concatenate([w.ravel(), b]) for w, b in zip(dw, db, strict=True)])
+
+
+def small(device, **options):
+    return wn.MLP(4, 3, 16, 1, device=device, precision="float16", **options)
