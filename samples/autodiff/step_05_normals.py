@@ -9,6 +9,7 @@ forward mode, and of 0.02 degrees for differences of the best step.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import warp as wp
@@ -29,6 +30,8 @@ normal_double, normal_double_by_differences = DOUBLE.normal, DOUBLE.normal_by_di
 
 @dataclass(frozen=True, kw_only=True)
 class Config(cli.CommonConfig):
+    out: Path = Path("out/autodiff")
+    """folder for the picture"""
     size: int = 512
     """height of the picture; it is 16:9"""
 
