@@ -5,10 +5,13 @@ import numpy as np
 from kernels.coopvec.layout import bias_is_half, network_layout
 from kernels.coopvec.spec import NetworkSpec
 from kernels.training.plan import Plan
+from kernels.training.warpgroup import SAMPLES, WarpgroupPlan
 
 
 def fragment_order(plan: Plan) -> np.ndarray:
     """Of each float of a block's gradient, the index of its parameter in `MLP.master`; -1 for padding. [plan.floats]"""
+    if isinstance(plan, WarpgroupPlan):
+        return warpgroup_order(plan)
     order = np.full(plan.floats, -1, np.int32)
     for layer in plan.layers:
         layout, blocks = layer.layout, layer.k_blocks
@@ -17,6 +20,24 @@ def fragment_order(plan: Plan) -> np.ndarray:
         register, lane, tile = i % 4, i // 4 % 32, i // 128
         n = tile // (2 * blocks) * 16 + register // 2 * 8 + lane // 4
         k = tile % (2 * blocks) * 8 + lane % 4 * 2 + register % 2
+        index = np.where((n < layout.n) & (k < layout.k), layout.master + n * layout.k + k, -1)
+        order[layer.first : layer.first + len(i)] = index
+        biases = layout.master + layout.n * layout.k + np.arange(layout.n)
+        order[layer.bias_first : layer.bias_first + layout.n] = biases
+    return order
+
+
+def warpgroup_order(plan: WarpgroupPlan) -> np.ndarray:
+    """The same of a plan for warpgroups."""
+    order = np.full(plan.floats, -1, np.int32)
+    for layer in plan.layers:
+        layout = layer.layout
+        i = np.arange(layer.registers * SAMPLES)
+        # accumulators of m64nN: warp w, lane 4 g + t hold rows 16 w + g, 8 more, and columns 8 j + 2 t, 1 more
+        register, warp, lane = i // SAMPLES, i // 32 % 4, i % 32
+        row = warp * 16 + register // 2 % 2 * 8 + lane // 4
+        column = register // 4 * 8 + lane % 4 * 2 + register % 2
+        n, k = (column, row) if layer.last else (row, column)
         index = np.where((n < layout.n) & (k < layout.k), layout.master + n * layout.k + k, -1)
         order[layer.first : layer.first + len(i)] = index
         biases = layout.master + layout.n * layout.k + np.arange(layout.n)

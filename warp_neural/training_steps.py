@@ -23,6 +23,7 @@ from kernels.training.update import (
     make_update_kernel,
     update_block,
 )
+from kernels.training.warpgroup import WarpgroupPlan, make_warpgroup_plan
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
@@ -83,10 +84,23 @@ class General(Steps):
         )
 
 
-def plan_of(net: MLP) -> Plan | None:
+def plan_of(net: MLP) -> Plan | WarpgroupPlan | None:
     """How a block of the network's CUDA device trains it in one kernel, if one can."""
-    can_multiply = net.device.arch >= net.spec.format.min_arch
-    return make_plan(net.spec, net.device.max_shared_memory_per_block) if can_multiply else None
+    spec, device = net.spec, net.device
+    if device.arch < spec.format.min_arch:
+        return None
+    hopper = make_warpgroup_plan(spec) if device.arch == 90 else None
+    return hopper or make_plan(spec, device.max_shared_memory_per_block)
+
+
+def load_for(kernel: wp.Kernel, plan: Plan | WarpgroupPlan, device: wp.Device) -> None:
+    """Compile and load the fused kernel. `wgmma` only exists in code for exactly one architecture, sm_90a."""
+    before = wp.config.cuda_arch_suffix
+    wp.config.cuda_arch_suffix = "a" if isinstance(plan, WarpgroupPlan) else before
+    try:
+        wp.load_module(kernel.module, device, block_dim=plan.threads)
+    finally:
+        wp.config.cuda_arch_suffix = before
 
 
 class FusedCuda(Steps):
@@ -104,6 +118,7 @@ class FusedCuda(Steps):
         self.by_rows = adjoint is not None
         encode = net.encode if net.encoding and not self.by_rows else None
         self.kernel = make_gradient_kernel(net.spec, self.plan, sample, loss, encode, self.by_rows)
+        load_for(self.kernel, self.plan, device)
         width, format = net.spec.sizes[0], net.spec.format
         if self.by_rows:
             self.encode = make_rows_kernel(sample, make_encode_row(net.encode, width, format), format)

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from kernels.coopvec.memory import make_load, make_store
-from kernels.coopvec.spec import NetworkSpec, Parameters
+from kernels.coopvec.spec import C_TYPES, NetworkSpec, Parameters
 from kernels.losses import Loss
-from kernels.training import cuda, cuda_backward, cuda_finish
+from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup
 from kernels.training.encoded import row_type
 from kernels.training.general import data_type, make_draw
 from kernels.training.plan import Plan
@@ -30,28 +30,50 @@ def cuda_only(text: str, otherwise: str = "") -> str:
     return f"#if defined(__CUDA_ARCH__)\n{text}\n#else\n{otherwise}\n#endif\n"
 
 
+def make_texts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool) -> Parts:
+    if isinstance(plan, warpgroup.WarpgroupPlan):
+        return Parts(
+            warpgroup.begin(spec, plan),
+            warpgroup.forward(spec, plan, x_type is wp.float16),
+            warpgroup.upper_layers(spec, plan),
+            warpgroup.first_layer(spec, plan, input_gradient),
+            warpgroup.input_gradient(spec, plan, C_TYPES[x_type]),
+            warpgroup.finish(plan, spec.sizes[-1]),
+        )
+    return Parts(
+        cuda.begin(spec, plan),
+        cuda.forward(spec, plan),
+        cuda_backward.upper_layers(spec, plan),
+        cuda_backward.first_layer(spec, plan, input_gradient),
+        cuda_backward.input_gradient(spec, plan, x_type),
+        cuda_finish.finish(plan),
+    )
+
+
 @cache
 def make_parts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool) -> Parts:
     """x_type: of the elements of the network's inputs and their gradients."""
     vec_in, vec_out = wp.types.vector(spec.sizes[0], x_type), wp.types.vector(spec.sizes[-1], wp.float32)
     shared, sums = wp.tile(dtype=wp.uint32, shape=(plan.words,)), wp.types.vector(plan.sums, wp.float32)
 
-    @wp.func_native(cuda_only(cuda.begin(spec, plan)))
+    texts = make_texts(spec, plan, x_type, input_gradient)
+
+    @wp.func_native(cuda_only(texts.begin))
     def begin(params: Parameters, memory: shared): ...
 
-    @wp.func_native(cuda_only(cuda.forward(spec, plan), "return {};"))
+    @wp.func_native(cuda_only(texts.forward, "return {};"))
     def forward(params: Parameters, memory: shared, x: vec_in) -> vec_out: ...
 
-    @wp.func_native(cuda_only(cuda_backward.upper_layers(spec, plan), "return sums;"))
+    @wp.func_native(cuda_only(texts.upper_layers, "return sums;"))
     def upper_layers(memory: shared, sums: sums, z: vec_out, dy: vec_out) -> sums: ...
 
-    @wp.func_native(cuda_only(cuda_backward.first_layer(spec, plan, input_gradient), "return sums;"))
+    @wp.func_native(cuda_only(texts.first_layer, "return sums;"))
     def first_layer(memory: shared, sums: sums) -> sums: ...
 
-    @wp.func_native(cuda_only(cuda_backward.input_gradient(spec, plan, x_type), "return {};"))
+    @wp.func_native(cuda_only(texts.input_gradient, "return {};"))
     def dx(memory: shared) -> vec_in: ...
 
-    @wp.func_native(cuda_only(cuda_finish.finish(plan)))
+    @wp.func_native(cuda_only(texts.finish))
     def finish(
         memory: shared,
         sums: sums,
