@@ -5,7 +5,7 @@ import numpy as np
 from kernels.coopvec.layout import bias_is_half, network_layout
 from kernels.coopvec.spec import NetworkSpec
 from kernels.training.plan import Plan
-from kernels.training.warpgroup import SAMPLES, WarpgroupPlan
+from kernels.training.warpgroup_plan import SAMPLES, WarpgroupPlan
 
 
 def fragment_order(plan: Plan) -> np.ndarray:

@@ -23,7 +23,7 @@ from kernels.training.update import (
     make_update_kernel,
     update_block,
 )
-from kernels.training.warpgroup import WarpgroupPlan, make_warpgroup_plan
+from kernels.training.warpgroup_plan import WarpgroupPlan, make_warpgroup_plan
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 

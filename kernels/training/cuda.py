@@ -18,15 +18,23 @@ from kernels.training.plan import Plan
 LIFTED = (relu, leaky_relu, linear)  # activations whose derivative at f(z) is that at z: f(z) is kept, else z
 
 
-def enter(spec: NetworkSpec, plan: Plan) -> str:
-    """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and `place` (of this lane in it)."""
-    ones = "0x3c003c00u" if spec.format is FLOAT16 else "0x3f803f80u"
-    slopes = "".join(
+def ones_of(spec: NetworkSpec) -> str:
+    """Two, in one register."""
+    return "0x3c003c00u" if spec.format is FLOAT16 else "0x3f803f80u"
+
+
+def slopes(spec: NetworkSpec) -> str:
+    """Lambdas: the derivatives of the activations."""
+    return "".join(
         f"auto d_{name} = [](real z) -> real {{ return {activation.derivative}; }};\n"
         for name, activation in (("hidden", spec.activation), ("last", spec.output_activation))
     )
-    return f"""{primitives.prelude(spec)}{primitives.mma("multiply_add", spec.format, "real")}{slopes}{MEMORY}
-const unsigned ones = {ones}, warp = threadIdx.x >> 5;
+
+
+def enter(spec: NetworkSpec, plan: Plan) -> str:
+    """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and `place` (of this lane in it)."""
+    return f"""{primitives.prelude(spec)}{primitives.mma("multiply_add", spec.format, "real")}{slopes(spec)}{MEMORY}{PLACES}
+const unsigned ones = {ones_of(spec)}, warp = threadIdx.x >> 5;
 const unsigned weights = static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + lane * 16;
 const unsigned areas = weights + {4 * plan.weights}, area = areas + warp * {4 * plan.area};
 """
@@ -57,9 +65,13 @@ auto load_unit = [](unsigned address, unsigned (&w)[4]) {
     asm volatile("ld.shared.v4.b32 {%0,%1,%2,%3},[%4];"
         : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
 };
-const unsigned turned = (lane >> 4) * 128 + (lane >> 3 & 1u) * 256 + (lane & 7u) * 16;  // matrices 0, 2, 1, 3
 auto spread_signs = [](unsigned v) { unsigned r;  // of each half over all its bits
     asm("prmt.b32 %0,%1,0,0xbb99;" : "=r"(r) : "r"(v)); return r; };
+"""
+
+
+PLACES = """
+const unsigned turned = (lane >> 4) * 128 + (lane >> 3 & 1u) * 256 + (lane & 7u) * 16;  // matrices 0, 2, 1, 3
 // this lane's own row: unit u holds its columns 8 u .. 8 u + 7
 auto own_unit = [&](unsigned slot, int blocks, int u) {
     const unsigned matrix = ((lane >> 4) * blocks + u / 2) * 4 + u % 2 * 2 + (lane >> 3 & 1u);

@@ -8,11 +8,12 @@ import warp as wp
 from kernels.coopvec.memory import make_load, make_store
 from kernels.coopvec.spec import C_TYPES, NetworkSpec, Parameters
 from kernels.losses import Loss
-from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup
+from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup, warpgroup_backward
 from kernels.training.encoded import row_type
 from kernels.training.general import data_type, make_draw
 from kernels.training.plan import Plan
 from kernels.training.progress import Progress, batch_of
+from kernels.training.warpgroup_plan import WarpgroupPlan
 
 
 class Parts(NamedTuple):
@@ -31,14 +32,14 @@ def cuda_only(text: str, otherwise: str = "") -> str:
 
 
 def make_texts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool) -> Parts:
-    if isinstance(plan, warpgroup.WarpgroupPlan):
+    if isinstance(plan, WarpgroupPlan):
         return Parts(
             warpgroup.begin(spec, plan),
             warpgroup.forward(spec, plan, x_type is wp.float16),
-            warpgroup.upper_layers(spec, plan),
-            warpgroup.first_layer(spec, plan, input_gradient),
-            warpgroup.input_gradient(spec, plan, C_TYPES[x_type]),
-            warpgroup.finish(plan, spec.sizes[-1]),
+            warpgroup_backward.upper_layers(spec, plan),
+            warpgroup_backward.first_layer(spec, plan, input_gradient),
+            warpgroup_backward.input_gradient(spec, plan, C_TYPES[x_type]),
+            warpgroup_backward.finish(plan),
         )
     return Parts(
         cuda.begin(spec, plan),

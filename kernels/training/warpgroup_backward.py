@@ -1,0 +1,190 @@
+"""CUDA text of a fused training step by warpgroups: the backward pass, and the sums of a block.
+
+From the last layer to the first, `dz` of a warp's rows passes through registers like vectors in the forward pass, and
+a copy for the products of the weights' gradient through shared memory. The products of the first two layers come last:
+while they run, the next samples can be read.
+"""
+
+from kernels.activations import leaky_relu, relu
+from kernels.coopvec.fragments import unrolled
+from kernels.coopvec.spec import NetworkSpec
+from kernels.training.warpgroup import enter, wait, wgmma
+from kernels.training.warpgroup_plan import LAST_ROW, MAX_OUT, ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
+
+
+def upper_layers(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
+    """`(memory, sums, z, dy) -> sums`: dz of all layers, dW of all but the first two. All threads."""
+    layers = "".join(backward_layer(spec, plan, index) for index in reversed(range(1, len(plan.layers))))
+    gradients = "".join(weight_multiply(spec, plan, index) for index in range(2, len(plan.layers)))
+    return unrolled(f"""{enter(spec, plan)}{wgmma("multiply_back", spec, WIDTH, True, True)}{gradients}
+auto sum = sums;
+unsigned dz[2][{WIDTH // 16}][4];
+real dh[2][{WIDTH // 2}];
+{start(spec, plan)}
+for (int m = 0; m < 2; ++m) {{ {back_products(plan, len(plan.layers) - 1)} }}
+{layers}publish();
+return sum;
+""")
+
+
+def start(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
+    """The last layer's dz of each thread's own sample, and its sum over the warp: lane i has half of that of neuron
+    i / 2."""
+    n_out, final = spec.sizes[-1], plan.layers[-1]
+    values = ", ".join(f"dy.c[{n}] * d_last(z.c[{n}])" if n < n_out else "0.0f" for n in range(MAX_OUT))
+    saves = ""
+    for u in range(2):
+        words = ", ".join(f"pack(v[{8 * u + 2 * t}], v[{8 * u + 2 * t + 1}])" for t in range(4))
+        saves += f"save_unit(last + own * {LAST_ROW} + (({u}u ^ (lane >> 2 & 1u)) << 4), {words});\n"
+    halve = "".join(
+        f"""for (int i = 0; i < {count}; ++i) {{
+    const bool high = lane & {2 * count}u;
+    const real kept = high ? v[i + {count}] : v[i], sent = high ? v[i] : v[i + {count}];
+    v[i] = kept + __shfl_xor_sync(0xffffffffu, sent, {2 * count});
+}}
+"""
+        for count in (8, 4, 2, 1)
+    )
+    return f"""{{ real v[{MAX_OUT}] = {{{values}}};
+const unsigned last = area + {plan.last_dz};
+{saves}__syncwarp();
+for (int m = 0; m < 2; ++m)
+    load(last + (m * 64 + row) * {LAST_ROW} + ((upper ^ (lane >> 2 & 1u)) << 4), dz[m][0]);
+publish();
+{halve}sum.c[{final.bias_sums}] += v[0]; }}
+"""
+
+
+def back_products(plan: WarpgroupPlan, index: int) -> str:
+    """dh[m] = dz[m] W of layer `index`, under way as a group."""
+    layer = plan.layers[index]
+    return f"""begin_products();
+for (int b = 0; b < {1 if layer.last else WIDTH // 16}; ++b)
+    multiply_back(dh[m], dz[m][b], tile(weights + {layer.weights} + {16 * ROW} * b, 0u), b);
+commit();
+"""
+
+
+def weight_multiply(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
+    return wgmma(f"multiply_{index}", spec, plan.layers[index].columns, False, True)
+
+
+def weight_products(plan: WarpgroupPlan, index: int) -> str:
+    """dW of layer `index`, under way: dz^T (H, ones); of the last layer H^T dz."""
+    layer, h = plan.layers[index], f"area + {index * SLOT} + {16 * ROW} * s"
+    if layer.last:
+        operands = f"tile({h}, 0u), last_tile(area + {plan.last_dz} + {16 * LAST_ROW} * s)"
+    else:
+        operands = f"tile(area + {plan.dz(index)} + {16 * ROW} * s, 0u), tile({h}, ones - ({h}))"
+    dw = f"(*reinterpret_cast<real (*)[{layer.columns // 2}]>(sum.c + {layer.sums}))"
+    return f"for (int s = 0; s < {SAMPLES // 16}; ++s) multiply_{index}({dw}, {operands}, 1);\n"
+
+
+def backward_layer(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
+    """dz of layer `index`, whose way back is being multiplied, to that of the layer before."""
+    last, slope = plan.layers[index].last, len(plan.layers) > 2
+    first = "" if last else f"publish();\n{wait(2) if index < len(plan.layers) - 1 else ''}"
+    if slope:  # the slot that dz goes to is free, and dz of this layer complete
+        first += "together();\n"
+    pending = (1, 0)
+    if index > 1:
+        first += f"begin_products();\n{weight_products(plan, index)}commit();\n"
+        pending = (2, 2)
+    word = "pack(dh[m][8 * b + 2 * r], dh[m][8 * b + 2 * r + 1])"  # row half r % 2, columns 8 (2 b + r / 2) + 2 t
+    if spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
+        word += " & spread_signs(kept[b][r] + 0x7fff7fffu)"
+    elif spec.activation is leaky_relu:
+        values = (
+            f"dh[m][8 * b + 2 * r + {e}] * d_hidden({side}(kept[b][r]))" for e, side in enumerate(("low", "high"))
+        )
+        word = f"pack({', '.join(values)})"
+    return f"""{first}
+for (int m = 0; m < 2; ++m) {{
+unsigned kept[{WIDTH // 16}][4];
+for (int b = 0; b < {WIDTH // 16}; ++b) load(matrices({index * SLOT}, m, b), kept[b]);
+if (m == 0) {{ {wait(pending[0], "dh[0]")} }} else {{ {wait(pending[1], "dh[1]")} }}
+for (int b = 0; b < {WIDTH // 16}; ++b) for (int r = 0; r < 4; ++r) dz[m][b][r] = {word};
+{back_products(plan, index - 1) if index > 1 else ""}
+for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({plan.dz(index - 1)}, m, b), dz[m][b]);
+}}
+"""
+
+
+def first_layer(spec: NetworkSpec, plan: WarpgroupPlan, input_gradient: bool) -> str:
+    """`(memory, sums) -> sums`: dW of the first two layers; `input_gradient` leaves dx where x was. All threads."""
+    k_pad, blocks = plan.layers[0].layout.k_pad, WIDTH // 16
+    before = after = lambdas = ""
+    if input_gradient:
+        lambdas = wgmma("multiply_back", spec, k_pad, True, True)
+        before = f"""unsigned dz[2][{blocks}][4];
+real dh[2][{k_pad // 2}];
+for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) load(matrices({plan.dz(0)}, m, b), dz[m][b]);
+for (int m = 0; m < 2; ++m) {{ {back_products(plan, 0)} }}
+"""
+        after = f"""for (int m = 0; m < 2; ++m) for (int b = 0; b < {k_pad // 16}; ++b) {{
+    unsigned w[4];
+    for (int r = 0; r < 4; ++r) w[r] = pack(dh[m][8 * b + 2 * r], dh[m][8 * b + 2 * r + 1]);
+    save(matrices(0, m, b), w);
+}}
+"""
+    ready = ("sum.c", "dh[0]", "dh[1]") if input_gradient else ("sum.c",)
+    return unrolled(f"""{enter(spec, plan)}{lambdas}{weight_multiply(spec, plan, 0)}{weight_multiply(spec, plan, 1)}
+auto sum = sums;
+{before}together();
+begin_products();
+{weight_products(plan, 1)}{weight_products(plan, 0)}commit();
+{wait(0, *ready)}together();
+{after}return sum;
+""")
+
+
+def input_gradient(spec: NetworkSpec, plan: WarpgroupPlan, c_type: str) -> str:
+    """`(memory) -> dx` of this thread's sample, as `first_layer` left it."""
+    n_in = spec.sizes[0]
+    text = f"{enter(spec, plan)}wp::vec_t<{n_in}, {c_type}> dx;\n__syncwarp();\n"
+    for u in range(-(-n_in // 8)):
+        text += f"{{ unsigned v[4]; load_unit(unit(0, {u}), v);\n"
+        for k in range(8 * u, min(8 * u + 8, n_in)):
+            text += f"dx.c[{k}] = {c_type}({('low', 'high')[k % 2]}(v[{k % 8 // 2}]));\n"
+        text += "}\n"
+    return unrolled(text + "__syncwarp();\nreturn dx;\n")
+
+
+def finish(plan: WarpgroupPlan) -> str:
+    """As `cuda_finish.finish`. Each warpgroup adds up half of the weights' registers of both."""
+    registers = [(layer.sums + r, layer.first + SAMPLES * r) for layer in plan.layers for r in range(layer.registers)]
+    half, base = len(registers) // 2, len(registers) * SAMPLES
+    n_out, final = plan.layers[-1].layout.n, plan.layers[-1]
+    biases = [layer.bias_sums + r for layer in plan.layers[:-1] for r in (0, 2)] + [final.bias_sums]
+    checked = [f"sums.c[{sum}] * 0.0f" for sum in [sum for sum, _ in registers] + biases]
+    checks = " + ".join(f"({' + '.join(checked[i::8])})" for i in range(8))
+    leave = put = ""
+    for i, (sum, first) in enumerate(registers):
+        leave += f"if (group == {int(i < half)}u) total[{i * SAMPLES} + place] = sums.c[{sum}];\n"
+        put += f"if (group == {int(i >= half)}u) put({first} + place, sums.c[{sum}] + total[{i * SAMPLES} + place]);\n"
+    for layer in plan.layers[:-1]:
+        for h in range(2):
+            row = f"group * {WIDTH} + place / 32u * 16u + g + {8 * h}"
+            leave += f"if (t == 0u) total[{base} + {row}] = sums.c[{layer.bias_sums + 2 * h}];\n"
+        value = f"total[{base} + place] + total[{base + WIDTH} + place]"
+        put += f"if (threadIdx.x < {WIDTH}u) put({layer.bias_first} + place, {value});\n"
+        base += 2 * WIDTH
+    return unrolled(f"""using real = wp::float32;
+const unsigned lane = threadIdx.x & 31u, g = lane >> 2, t = lane & 3u, warp = threadIdx.x >> 5;
+const unsigned group = warp >> 2, place = threadIdx.x & 127u;
+real* const total = reinterpret_cast<real*>(memory.data.ptr);
+real* const mine = partial.data + static_cast<size_t>(blockIdx.x) * {plan.slice};
+auto put = [&](unsigned i, real v) {{ mine[i] = add ? mine[i] + v : v; }};
+real all = loss;
+for (int bit = 16; bit > 1; bit /= 2) all += __shfl_xor_sync(0xffffffffu, all, bit);
+if (!(loss * 0.0f + {checks} == 0.0f)) flags.data[parity] = 1;
+__syncthreads();
+{leave}if (lane / 2u < {n_out}u) total[{base} + lane / 2u * 16u + 2u * warp + lane % 2u] = sums.c[{final.bias_sums}];
+if (lane < 2u) total[{base + 16 * n_out} + 2u * warp + lane] = all;
+__syncthreads();
+{put}if (threadIdx.x <= {n_out}u) {{
+    all = 0.0f;
+    for (int i = 0; i < 16; ++i) all += total[{base} + threadIdx.x * 16u + i];
+    put(threadIdx.x < {n_out}u ? {final.bias_first} + threadIdx.x : {plan.floats}u, all);
+}}
+""")
