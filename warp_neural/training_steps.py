@@ -39,7 +39,8 @@ class Steps:
         net = self.net
         most = net.device.sm_count * RESIDENT if net.device.is_cuda else 1
         threads = min(most, -(-(net.master.size - first) // GROUP))
-        which = [first, net.encoding_start, last, threads]
+        sparse = net.encoding_start if net.encoding and net.encoding.sparse else net.master.size
+        which = [first, sparse, last, threads]
         wp.launch(
             make_update_kernel(self.optimizer.update),
             dim=threads,

@@ -68,11 +68,10 @@ def write_group(values: wp.array[float], i: int, group: wp.vec4): ...
 
 @cache
 def make_update_kernel(update: wp.Function) -> wp.Kernel:
-    """From parameter `first` on, a multiple of 4 as `sparse` is: gradients lie in `gradient`, which is cleared.
+    """From parameter `first`, a multiple of 4, on: gradients lie in `gradient`, which is cleared. dim threads.
 
-    dim threads. Parameters from `sparse` on, an encoding's, whose gradient is exactly 0 stay as they are, and so do
-    their moments: a batch reaches few entries of a large table (Mueller et al. 2022, section 4). The average takes all.
-    last: of the step.
+    sparse: the first parameter that rests, and so do its moments, if its gradient is exactly 0 (see `Encoding.sparse`),
+    a multiple of 4 or the end. last: of the step.
     """
 
     @wp.kernel(module="unique", enable_backward=False)
