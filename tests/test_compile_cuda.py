@@ -13,6 +13,7 @@ from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Para
 from kernels.losses import l2
 from kernels.optimizers import adam
 from kernels.training.encoded import make_adjoint_row, make_encode_row, make_rows_kernel
+from kernels.training.general_update import make_update_kernel
 from kernels.training.plan import make_plan
 from kernels.training.step import make_gradient_kernel
 from kernels.training.update import make_fused_update_kernel
@@ -87,6 +88,7 @@ def test_training_compiles_for_hopper(encoding, tmp_path):
     if trains:
         uses = make_encode_row(encode, spec.sizes[0], spec.format), make_adjoint_row(trains, spec.sizes[0], spec.format)
         kernels += [make_rows_kernel(corner, use, spec.format) for use in uses]
+        kernels.append(make_update_kernel(adam))
     for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)
         assert artifact.stat().st_size > 0

@@ -46,6 +46,8 @@ class Trainer:
     moving average of the parameters, in `averaged`. loss_scale: what gradients are multiplied by to fit float16; by
     default 128 to begin with, halved after a step whose gradient is not finite, which is skipped.
 
+    Parameters of an encoding that is `sparse`, a hash grid, rest in steps that do not reach them; averages go on.
+
     One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
     of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8; other networks train
     through the adjoint of the loss. Two runs with the same seed end alike bit for bit on one device, except, on CUDA,

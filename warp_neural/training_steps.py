@@ -12,22 +12,17 @@ from kernels.coopvec.spec import Parameters
 from kernels.losses import Loss
 from kernels.training.encoded import make_adjoint_row, make_encode_row, make_rows_kernel, row_type
 from kernels.training.general import collect_kernel, make_loss_kernel, make_sample_kernel
+from kernels.training.general_update import GROUP, make_update_kernel
 from kernels.training.plan import Plan, make_plan
 from kernels.training.progress import Progress
 from kernels.training.step import make_gradient_kernel
-from kernels.training.update import (
-    GROUP,
-    PER_THREAD,
-    Update,
-    make_fused_update_kernel,
-    make_update_kernel,
-    update_block,
-)
+from kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
 from kernels.training.warpgroup_plan import WarpgroupPlan, make_warpgroup_plan
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
 TILE = 256  # threads of a block of the general kernels
+RESIDENT = 2048  # threads that a multiprocessor holds at once
 
 
 class Steps:
@@ -43,10 +38,14 @@ class Steps:
     def update_from(self, first: int, last: bool) -> None:
         """Update the parameters from `first` on from `net.gradient`, which is cleared."""
         net = self.net
+        most = net.device.sm_count * RESIDENT if net.device.is_cuda else 1
+        threads = min(most, -(-(net.master.size - first) // GROUP))
+        sparse = net.encoding_start if net.encoding and net.encoding.sparse else net.master.size
+        which = [first, sparse, last, threads]
         wp.launch(
             make_update_kernel(self.optimizer.update),
-            dim=-(-(net.master.size - first) // PER_THREAD),
-            inputs=[self.progress, self.options, first, last, net.gradient, net.master],
+            dim=threads,
+            inputs=[self.progress, self.options, *which, net.gradient, net.master],
             device=net.device,
             record_tape=False,
         )
@@ -148,7 +147,7 @@ class FusedCuda(Steps):
             self.update_from(net.encoding_start, last=False)
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
         block = update_block(self.plan)
-        dim = -(-(self.plan.floats + 1) // GROUP) * block
+        dim = -(-(self.plan.floats + 1) // COLUMNS) * block
         self._launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block)
 
     def gathered(self) -> np.ndarray:

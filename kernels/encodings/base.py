@@ -58,6 +58,14 @@ class Encoding:
     def initial(self) -> tuple[float, float]:
         return 0.0, 0.0
 
+    @property
+    def sparse(self) -> bool:
+        """Whether parameters whose gradient is exactly 0 rest in that step of a `Trainer`, and so do their moments.
+
+        A batch reaches few entries of a large table (Mueller et al. 2022, section 4).
+        """
+        return True
+
     def n_out(self, n_in: int) -> int:
         raise NotImplementedError
 

@@ -30,6 +30,10 @@ class Concatenate(Encoding):
     def initial(self) -> tuple[float, float]:
         return max((part.initial for part in self.parts), key=lambda r: r != (0.0, 0.0))
 
+    @property
+    def sparse(self) -> bool:
+        return all(part.sparse for part in self.parts)
+
     def n_out(self, n_in: int) -> int:
         return sum(part.n_out(len(indices)) for part, indices in self.reads(n_in))
 

@@ -23,6 +23,10 @@ class LatentTexture(Encoding):
     def __post_init__(self):
         require_positive(self, "width", "height", "channels")
 
+    @property
+    def sparse(self) -> bool:
+        return False  # texels are few; those that a batch has missed learn faster with momentum
+
     def n_out(self, n_in: int) -> int:
         if n_in != 2:
             raise ValueError(f"LatentTexture: {n_in} inputs; it takes two, u and v")

@@ -1,4 +1,4 @@
-"""The optimizer kernel of a training run: gradients of a step, summed and scaled back, to new parameters."""
+"""The optimizer kernel of a fused step: the sums of its blocks, added up and scaled back, to new parameters."""
 
 from functools import cache
 
@@ -9,13 +9,12 @@ from kernels.coopvec.spec import NetworkSpec
 from kernels.training.plan import Plan
 from kernels.training.progress import Progress, batch_of, rate_of
 
-GROUP = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
-PER_THREAD = 8  # parameters in the general form, which share what all have in common
+COLUMNS = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
 
 
 def update_block(plan: Plan) -> int:
     """Threads of a block: warp w adds up the slices w, w + warps, ... More are faster as long as all fit at once."""
-    return GROUP * (16 if plan.floats < 128 * GROUP else 8)
+    return COLUMNS * (16 if plan.floats < 128 * COLUMNS else 8)
 
 
 def sum_text(block: int) -> str:
@@ -27,11 +26,11 @@ const wp::int32 blocks = partial.shape[0], slice = partial.shape[1];
 real total = 0.0f;
 if (column < slice) {{
 #pragma unroll 9
-    for (wp::int32 b = warp; b < blocks; b += {block // GROUP}) total += partial.data[b * slice + column];
+    for (wp::int32 b = warp; b < blocks; b += {block // COLUMNS}) total += partial.data[b * slice + column];
 }}
 sums[threadIdx.x] = total;
 __syncthreads();
-if (warp == 0) for (unsigned w = 1; w < {block // GROUP}u; ++w) total += sums[w * {GROUP} + lane];
+if (warp == 0) for (unsigned w = 1; w < {block // COLUMNS}u; ++w) total += sums[w * {COLUMNS} + lane];
 return total;
 #else
 return 0.0f;
@@ -130,41 +129,8 @@ def advance(progress: Progress, dynamic: bool):
 
 
 @cache
-def make_update_kernel(update: wp.Function) -> wp.Kernel:
-    """The general form, from parameter `first` on: gradients lie in `gradient`, which is cleared. last: of the step.
-
-    dim ceil(parameters / PER_THREAD).
-    """
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def update_kernel(
-        progress: Progress,
-        options: Update,
-        first: int,
-        last: bool,
-        gradient: wp.array[float],
-        master: wp.array[float],
-    ):
-        thread = wp.tid()
-        rates = rates_of(progress, options)
-        threads = (master.shape[0] - first + wp.static(PER_THREAD - 1)) / wp.static(PER_THREAD)
-        for part in range(wp.static(PER_THREAD)):
-            i = first + part * threads + thread
-            if i < master.shape[0]:
-                if not rates.skip:
-                    state = wp.vec3(master[i], options.first[i], options.second[i])
-                    state = update(gradient[i] * rates.mean, state, rates.rate, rates.corrections, options.settings)
-                    store(i, state, rates, options, master)
-                gradient[i] = 0.0
-        if last and thread == 0:
-            advance(progress, options.dynamic)
-
-    return update_kernel
-
-
-@cache
 def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan) -> wp.Kernel:
-    """After `make_gradient_kernel`: dim ceil((plan.floats + 1) / GROUP) * update_block(plan).
+    """After `make_gradient_kernel`: dim ceil((plan.floats + 1) / COLUMNS) * update_block(plan).
 
     order: which parameter each column of `partial` is (-1: padding). target: where the parameter lies in `packed`, in
     16-bit elements; ~word for a float32 bias.
@@ -183,8 +149,8 @@ def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan)
         packed: wp.array[wp.uint32],
     ):
         thread = wp.tid()
-        updates = thread % wp.static(block) < wp.static(GROUP)
-        column = thread / wp.static(block) * wp.static(GROUP) + thread % wp.static(GROUP)
+        updates = thread % wp.static(block) < wp.static(COLUMNS)
+        column = thread / wp.static(block) * wp.static(COLUMNS) + thread % wp.static(COLUMNS)
         # all that can be read before the sum is, for that too waits for memory
         i = int(-1)
         place = int(0)
