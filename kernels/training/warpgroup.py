@@ -14,7 +14,7 @@ from kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
 from kernels.coopvec.primitives import MMA_TYPES
 from kernels.coopvec.spec import FLOAT16, NetworkSpec
 from kernels.training.cuda import MEMORY, ones_of, slopes
-from kernels.training.warpgroup_plan import LAST_ROW, ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
+from kernels.training.warpgroup_plan import ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
 
 
 def wgmma(name: str, spec: NetworkSpec, n: int, registers: bool, transposed: bool) -> str:
