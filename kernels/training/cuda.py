@@ -33,7 +33,8 @@ def slopes(spec: NetworkSpec) -> str:
 
 def enter(spec: NetworkSpec, plan: Plan) -> str:
     """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and `place` (of this lane in it)."""
-    return f"""{primitives.prelude(spec)}{primitives.mma("multiply_add", spec.format, "real")}{slopes(spec)}{MEMORY}{PLACES}
+    add = primitives.mma("multiply_add", spec.format, "real")
+    return f"""{primitives.prelude(spec)}{add}{slopes(spec)}{MEMORY}{PLACES}
 const unsigned ones = {ones_of(spec)}, warp = threadIdx.x >> 5;
 const unsigned weights = static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + lane * 16;
 const unsigned areas = weights + {4 * plan.weights}, area = areas + warp * {4 * plan.area};

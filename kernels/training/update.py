@@ -151,18 +151,19 @@ def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan)
         thread = wp.tid()
         updates = thread % wp.static(block) < wp.static(COLUMNS)
         column = thread / wp.static(block) * wp.static(COLUMNS) + thread % wp.static(COLUMNS)
-        # all that can be read before the sum is, for that too waits for memory
+        # what is read depends on one thing read before at most, and comes before the sum, which waits for memory too
         i = int(-1)
         place = int(0)
         state = wp.vec3()
         rates = Rates()
         if updates:
+            i = order[wp.min(column, floats - 1)]
+            at = wp.max(i, 0)
+            place = target[at]
+            state = wp.vec3(master[at], options.first[at], options.second[at])
             rates = rates_of(progress, options)
-            if column < floats:
-                i = order[column]
-                if i >= 0:
-                    place = target[i]
-                    state = wp.vec3(master[i], options.first[i], options.second[i])
+            if column >= floats:
+                i = -1
         g = sum_of_column(partial, column) * rates.mean
         if updates and column == floats:  # the losses' sum is not scaled
             step = progress.counters[1]

@@ -72,7 +72,7 @@ def wait(pending: int, *registers: str) -> str:
 
 
 def begin(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
-    """`(params, memory)`: stage weights, biases and ones. All threads; what is read is read before anything is stored."""
+    """`(params, memory)`: stage weights, biases and ones. All threads; everything is read before anything is stored."""
     _, words = network_layout(spec, True)
     reads = stores = ""
     for index, layer in enumerate(plan.layers):
@@ -117,7 +117,7 @@ def bias_value(spec: NetworkSpec, layout: LayerLayout) -> str:
 
 
 def forward(spec: NetworkSpec, plan: WarpgroupPlan, halves: bool) -> str:
-    """`(params, memory, x) -> z`, the last layer's pre-activations; keeps each layer's input. halves: x is of float16."""
+    """`(params, memory, x) -> z`, the last layer's pre-activations; keeps each layer's input. halves: x is float16."""
     n_in, n_out, final = spec.sizes[0], spec.sizes[-1], plan.layers[-1].layout
     k_pad, depth = plan.layers[0].layout.k_pad, len(plan.layers) - 1
     inputs = ""
@@ -149,9 +149,10 @@ for (int m = 0; m < 2; ++m) {{
 if (m == 0) {{ {wait(1, "z[0]")} }} else {{ {wait(0, "z[1]")} }}
 for (int j = 0; j < {final.n_pad // 8}; ++j) {{
     const float2 bias = read_biases({depth}, j);
+    const unsigned swizzled = area + {plan.spare} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8;
     for (int h = 0; h < 2; ++h) asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
-        :: "r"(area + {plan.spare} + (m * 64 + first + g + 8 * h) * {ROW} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8),
-           "f"(z[m][4 * j + 2 * h] + bias.x), "f"(z[m][4 * j + 2 * h + 1] + bias.y) : "memory");
+        :: "r"(swizzled + (m * 64 + first + g + 8 * h) * {ROW}), "f"(z[m][4 * j + 2 * h] + bias.x),
+           "f"(z[m][4 * j + 2 * h + 1] + bias.y) : "memory");
 }} }}
 __syncwarp();
 wp::vec_t<{n_out}, real> result;

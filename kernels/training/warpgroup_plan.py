@@ -80,7 +80,7 @@ class WarpgroupPlan:
         return self.spare + SLOT
 
     def dz(self, index: int) -> int:
-        """In an area: where dz of layer `index` lies. By the time it is known, the slot is not needed for anything else."""
+        """In an area: where dz of layer `index` lies. Once it is known, the slot is not needed for anything else."""
         after = len(self.layers) - 1 - index
         return (self.last_dz, self.spare, (index + 2) * SLOT)[min(after, 2)]
 
