@@ -5,12 +5,13 @@ import numpy as np
 from kernels.coopvec.layout import bias_is_half, network_layout
 from kernels.coopvec.spec import NetworkSpec
 from kernels.training.plan import Plan
-from kernels.training.warpgroup_plan import SAMPLES, WarpgroupPlan
+from kernels.training.warpgroup_plan import WarpgroupPlan
+from kernels.training.wide_plan import WidePlan
 
 
 def fragment_order(plan: Plan) -> np.ndarray:
     """Of each float of a block's gradient, the index of its parameter in `MLP.master`; -1 for padding. [plan.floats]"""
-    if isinstance(plan, WarpgroupPlan):
+    if not isinstance(plan, Plan):
         return warpgroup_order(plan)
     order = np.full(plan.floats, -1, np.int32)
     for layer in plan.layers:
@@ -27,19 +28,19 @@ def fragment_order(plan: Plan) -> np.ndarray:
     return order
 
 
-def warpgroup_order(plan: WarpgroupPlan) -> np.ndarray:
+def warpgroup_order(plan: WarpgroupPlan | WidePlan) -> np.ndarray:
     """The same of a plan for warpgroups."""
     order = np.full(plan.floats, -1, np.int32)
     for layer in plan.layers:
         layout = layer.layout
-        i = np.arange(layer.registers * SAMPLES)
+        i = np.arange(layer.bias_first - layer.first)
         # accumulators of m64nN: warp w, lane 4 g + t hold rows 16 w + g, 8 more, and columns 8 j + 2 t, 1 more
-        register, warp, lane = i // SAMPLES, i // 32 % 4, i % 32
-        row = warp * 16 + register // 2 % 2 * 8 + lane // 4
-        column = register // 4 * 8 + lane % 4 * 2 + register % 2
+        part, register = np.divmod(i // 128, layer.registers)
+        row = part * 64 + i // 32 % 4 * 16 + register // 2 % 2 * 8 + i % 32 // 4
+        column = register // 4 * 8 + i % 4 * 2 + register % 2
         n, k = (column, row) if layer.last else (row, column)
         index = np.where((n < layout.n) & (k < layout.k), layout.master + n * layout.k + k, -1)
-        order[layer.first : layer.first + len(i)] = index
+        order[layer.first : layer.bias_first] = index
         biases = layout.master + layout.n * layout.k + np.arange(layout.n)
         order[layer.bias_first : layer.bias_first + layout.n] = biases
     return order

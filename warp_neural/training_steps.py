@@ -15,9 +15,10 @@ from kernels.training.general import collect_kernel, make_loss_kernel, make_samp
 from kernels.training.general_update import GROUP, make_update_kernel
 from kernels.training.plan import Plan, make_plan
 from kernels.training.progress import Progress
-from kernels.training.step import make_gradient_kernel
+from kernels.training.step import make_gradient_kernel, samples_of
 from kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
 from kernels.training.warpgroup_plan import WarpgroupPlan, make_warpgroup_plan
+from kernels.training.wide_plan import WidePlan, make_wide_plans
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
@@ -83,19 +84,20 @@ class General(Steps):
         )
 
 
-def plan_of(net: MLP) -> Plan | WarpgroupPlan | None:
-    """How a block of the network's CUDA device trains it in one kernel, if one can."""
+def plans_of(net: MLP) -> tuple[Plan | WarpgroupPlan | WidePlan, ...]:
+    """How blocks of the network's CUDA device train it in one kernel, or several passes; none if they cannot."""
     spec, device = net.spec, net.device
     if device.arch < spec.format.min_arch:
-        return None
-    hopper = make_warpgroup_plan(spec) if device.arch == 90 else None
-    return hopper or make_plan(spec, device.max_shared_memory_per_block)
+        return ()
+    plans = make_wide_plans(spec) or (make_warpgroup_plan(spec),) if device.arch == 90 else (None,)
+    plans = plans if plans[0] else (make_plan(spec, device.max_shared_memory_per_block),)
+    return plans if plans[0] else ()
 
 
-def load_for(kernel: wp.Kernel, plan: Plan | WarpgroupPlan, device: wp.Device) -> None:
+def load_for(kernel: wp.Kernel, plan: Plan | WarpgroupPlan | WidePlan, device: wp.Device) -> None:
     """Compile and load the fused kernel. `wgmma` only exists in code for exactly one architecture, sm_90a."""
     before = wp.config.cuda_arch_suffix
-    wp.config.cuda_arch_suffix = "a" if isinstance(plan, WarpgroupPlan) else before
+    wp.config.cuda_arch_suffix = before if isinstance(plan, Plan) else "a"
     try:
         wp.load_module(kernel.module, device, block_dim=plan.threads)
     finally:
@@ -112,19 +114,21 @@ class FusedCuda(Steps):
         self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
     ):
         super().__init__(net, optimizer, progress, options, data)
-        self.plan, device = plan_of(net), net.device
+        plans, device = plans_of(net), net.device
+        self.plan = plans[0]  # passes share all that follows
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
         self.by_rows = adjoint is not None
         encode = net.encode if net.encoding and not self.by_rows else None
-        self.kernel = make_gradient_kernel(net.spec, self.plan, sample, loss, encode, self.by_rows)
-        load_for(self.kernel, self.plan, device)
+        self.kernels = [make_gradient_kernel(net.spec, plan, sample, loss, encode, self.by_rows) for plan in plans]
+        for kernel, plan in zip(self.kernels, plans, strict=True):
+            load_for(kernel, plan, device)
         width, format = net.spec.sizes[0], net.spec.format
         if self.by_rows:
             self.encode = make_rows_kernel(sample, make_encode_row(net.encode, width, format), format)
             self.adjoint = make_rows_kernel(sample, make_adjoint_row(adjoint, width, format), format)
         self.rows = wp.zeros((batch if self.by_rows else 0, width), dtype=row_type(format), device=device)
         self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, self.plan)
-        blocks = min(device.sm_count, -(-batch // self.plan.threads))  # one on each multiprocessor
+        blocks = min(device.sm_count, -(-batch // samples_of(self.plan)))  # one on each multiprocessor
         self.partial = wp.zeros((blocks, self.plan.slice), dtype=float, device=device)
         self.order = wp.array(fragment_order(self.plan), dtype=int, device=device)
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
@@ -134,7 +138,8 @@ class FusedCuda(Steps):
         if self.by_rows:
             self._launch(self.encode, self.rows.shape[0], [*inputs, self.rows])
         threads = self.plan.threads
-        self._launch(self.kernel, self.partial.shape[0] * threads, [*inputs, self.partial, self.rows], threads)
+        for kernel in self.kernels:
+            self._launch(kernel, self.partial.shape[0] * threads, [*inputs, self.partial, self.rows], threads)
         if self.by_rows:
             self._launch(self.adjoint, self.rows.shape[0], [*inputs, self.rows])
 

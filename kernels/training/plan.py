@@ -98,6 +98,9 @@ class Plan:
     def threads(self) -> int:
         return 32 * self.warps
 
+    lanes = 32  # of a warp, that have a sample
+    reaches_input = True  # whether the gradient of the first layer is among those that a launch computes
+
     def bias_sums(self, index: int) -> int:
         """Where layer `index` has the registers of its biases, which eight layers share."""
         rows = max(layer.rows for layer in self.layers)

@@ -8,12 +8,13 @@ import warp as wp
 from kernels.coopvec.memory import make_load, make_store
 from kernels.coopvec.spec import C_TYPES, NetworkSpec, Parameters
 from kernels.losses import Loss
-from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup, warpgroup_backward
+from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup, warpgroup_backward, wide
 from kernels.training.encoded import row_type
 from kernels.training.general import data_type, make_draw
 from kernels.training.plan import Plan
 from kernels.training.progress import Progress, batch_of
 from kernels.training.warpgroup_plan import WarpgroupPlan
+from kernels.training.wide_plan import WidePlan
 
 
 class Parts(NamedTuple):
@@ -38,8 +39,17 @@ def make_texts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool
             warpgroup.forward(spec, plan, x_type is wp.float16),
             warpgroup_backward.upper_layers(spec, plan),
             warpgroup_backward.first_layer(spec, plan, input_gradient),
-            warpgroup_backward.input_gradient(spec, plan, C_TYPES[x_type]),
+            warpgroup_backward.input_gradient(spec, warpgroup.enter(spec, plan), C_TYPES[x_type]),
             warpgroup_backward.finish(plan),
+        )
+    if isinstance(plan, WidePlan):
+        return Parts(
+            warpgroup.begin(spec, plan),
+            wide.forward(spec, plan, x_type is wp.float16),
+            wide.upper_layers(spec, plan),
+            wide.first_layer(spec, plan, input_gradient),
+            warpgroup_backward.input_gradient(spec, wide.enter(spec, plan), C_TYPES[x_type]),
+            wide.finish(plan),
         )
     return Parts(
         cuda.begin(spec, plan),
@@ -127,6 +137,11 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
     return results
 
 
+def samples_of(plan: Plan) -> int:
+    """Of a block in a round."""
+    return plan.threads // 32 * plan.lanes
+
+
 @cache
 def make_gradient_kernel(
     spec: NetworkSpec, plan: Plan, sample: wp.Function, loss: Loss, encode=None, by_rows: bool = False
@@ -141,10 +156,12 @@ def make_gradient_kernel(
     """
     draw, data, rows_of = make_draw(sample), data_type(sample), row_type(spec.format)
     vec_in = wp.types.vector(spec.sizes[0], rows_of if by_rows else wp.float32 if encode else spec.dtype)
-    parts, sums_type = make_parts(spec, plan, vec_in._wp_scalar_type_, by_rows), wp.types.vector(plan.sums, wp.float32)
+    writes_rows, lanes = by_rows and plan.reaches_input, plan.lanes
+    parts = make_parts(spec, plan, vec_in._wp_scalar_type_, writes_rows)
+    sums_type = wp.types.vector(plan.sums, wp.float32)
     begin, forward, upper_layers, first_layer, input_gradient, finish = parts
     input, results = make_input(encode, vec_in, by_rows), make_results(spec, loss)
-    words, per_round, store = plan.words, plan.threads, make_store(spec.sizes[0], rows_of)
+    words, per_round, store = plan.words, samples_of(plan), make_store(spec.sizes[0], rows_of)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=plan.threads)
     def gradient_kernel(
@@ -164,11 +181,13 @@ def make_gradient_kernel(
         sums = sums_type()
         total = float(0.0)
         stride = partial.shape[0] * per_round
-        x, target = draw(progress, step, micro * batch + wp.min(thread, batch - 1), data)
+        lane = thread % 32
+        first = thread / 32 * wp.static(lanes) + lane
+        x, target = draw(progress, step, micro * batch + wp.min(first, batch - 1), data)
         begin(params, memory)
         for start in range(0, batch, stride):
-            i = start + thread
-            inside = i < batch
+            i = start + first
+            inside = i < batch and lane < wp.static(lanes)
             z = forward(params, memory, input(params, x, rows, wp.min(i, batch - 1)))
             value, dy = results(z, target, inside, scale)
             total += value
@@ -176,7 +195,7 @@ def make_gradient_kernel(
             # the next sample, early: reading it may take as long as the first layer
             next_x, next_target = draw(progress, step, micro * batch + wp.min(i + stride, batch - 1), data)
             sums = first_layer(memory, sums)
-            if wp.static(by_rows):
+            if wp.static(writes_rows):
                 if inside:
                     store(rows, i, input_gradient(memory))
             x = next_x

@@ -12,9 +12,10 @@ from kernels.coopvec import primitives
 from kernels.coopvec.fragments import unrolled
 from kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
 from kernels.coopvec.primitives import MMA_TYPES
-from kernels.coopvec.spec import FLOAT16, NetworkSpec
+from kernels.coopvec.spec import FLOAT16, NetworkSpec, round_up
 from kernels.training.cuda import MEMORY, ones_of, slopes
 from kernels.training.warpgroup_plan import ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
+from kernels.training.wide_plan import WidePlan
 
 
 def wgmma(name: str, spec: NetworkSpec, n: int, registers: bool, transposed: bool) -> str:
@@ -71,38 +72,49 @@ def wait(pending: int, *registers: str) -> str:
     return text
 
 
-def begin(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
-    """`(params, memory)`: stage weights, biases and ones. All threads; everything is read before anything is stored."""
+MOST_HELD = 32  # registers of a thread that are read before any is stored
+
+
+def begin(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan) -> str:
+    """`(params, memory)`: stage weights, biases and ones. All threads.
+
+    Weights lie in panels of 64 columns, the rows of a panel swizzled as in slots."""
     _, words = network_layout(spec, True)
-    reads = stores = ""
+    text = reads = stores = ""
+    width, held = spec.sizes[1], 0
     for index, layer in enumerate(plan.layers):
         layout, pairs = layer.layout, layer.layout.k_pairs(spec.format)
-        units = layout.n_pad // 8 * pairs * 32
+        units, panel = layout.n_pad // 8 * pairs * 32, round_up(layout.n_pad, 16) * ROW
         for start in range(0, units, plan.threads):
             name, inside = f"v_{index}_{start}", f"if (threadIdx.x < {units - start}u) "
             inside = "" if units - start >= plan.threads else inside
             source = f"__ldg(reinterpret_cast<const uint4*>(mine + {layout.weights}) + {start} + threadIdx.x)"
             reads += f"uint4 {name}; {inside}{name} = {source};\n"
-            stores += f"{inside}store({name}, {start} + threadIdx.x, {pairs}, {layer.weights});\n"
+            stores += f"{inside}store({name}, {start} + threadIdx.x, {pairs}, {layer.weights}, {panel});\n"
+            held += 4
         reads += f"const real bias_{index} = threadIdx.x < {layout.n_pad}u ? {bias_value(spec, layout)} : 0.0f;\n"
-        stores += f"if (threadIdx.x < {WIDTH}u) biases[{WIDTH * index} + threadIdx.x] = bias_{index};\n"
+        stores += f"if (threadIdx.x < {width}u) biases[{width * index} + threadIdx.x] = bias_{index};\n"
         if layout.n_pad % 16:
-            stores += f"""if (threadIdx.x < 64u)
-    reinterpret_cast<uint4*>(shared + {layer.weights + layout.n_pad * ROW})[threadIdx.x] = make_uint4(0u, 0u, 0u, 0u);
-"""
+            for p in range(-(-layout.k_pad // 64)):
+                place = layer.weights + p * panel + layout.n_pad * ROW
+                stores += f"if (threadIdx.x < 64u) reinterpret_cast<uint4*>(shared + {place})[threadIdx.x] = zero;\n"
+        if held >= MOST_HELD or layer.last:
+            text += reads + stores
+            reads, stores, held = "", "", 0
     one = ", ".join([ones_of(spec)] * 4)
     return unrolled(f"""{primitives.prelude(spec)}
 const unsigned* const mine = params.packed.data + static_cast<size_t>(params.network) * {words};
 char* const unaligned = reinterpret_cast<char*>(memory.data.ptr);
 char* const shared = unaligned + (-static_cast<unsigned>(__cvta_generic_to_shared(unaligned)) & 1023u);
 real* const biases = reinterpret_cast<real*>(shared + {plan.biases});
-auto store = [&](uint4 v, unsigned i, unsigned pairs, unsigned weights) {{
-    const unsigned words[4] = {{v.x, v.y, v.z, v.w}}, swizzle = 4u * (i / 32u % pairs) ^ g;
-    char* const row = shared + weights + (i / 32u / pairs * 8u + g) * {ROW} + 4u * t;
+const uint4 zero = make_uint4(0u, 0u, 0u, 0u), one = make_uint4({one});
+auto store = [&](uint4 v, unsigned i, unsigned pairs, unsigned weights, unsigned panel) {{
+    const unsigned words[4] = {{v.x, v.y, v.z, v.w}}, pair = i / 32u % pairs, swizzle = 4u * (pair % 2u) ^ g;
+    char* const row = shared + weights + pair / 2u * panel + (i / 32u / pairs * 8u + g) * {ROW} + 4u * t;
     for (int part = 0; part < 4; ++part) *reinterpret_cast<unsigned*>(row + ((swizzle ^ part) << 4)) = words[part];
 }};
 const unsigned n = threadIdx.x;
-{reads}{stores}if (threadIdx.x < 128u) reinterpret_cast<uint4*>(shared + {plan.ones})[threadIdx.x] = make_uint4({one});
+{text}if (threadIdx.x < 128u) reinterpret_cast<uint4*>(shared + {plan.ones})[threadIdx.x] = one;
 asm volatile("fence.proxy.async.shared::cta;" ::: "memory");
 __syncthreads();
 """)

@@ -20,17 +20,19 @@ def upper_layers(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
 auto sum = sums;
 unsigned dz[2][{WIDTH // 16}][4];
 real dh[2][{WIDTH // 2}];
-{start(spec, plan)}
+{start(spec, plan.last_dz, 2, plan.layers[-1].bias_sums)}
 for (int m = 0; m < 2; ++m) {{ {back_products(plan, len(plan.layers) - 1)} }}
 {layers}publish();
 return sum;
 """)
 
 
-def start(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
-    """The last layer's dz of each thread's own sample, and its sum over the warp: lane i has half of that of neuron
-    i / 2."""
-    n_out, final = spec.sizes[-1], plan.layers[-1]
+def start(spec: NetworkSpec, last_dz: int, tiles: int, bias_sums: int | None) -> str:
+    """The last layer's dz of each thread's own sample, to shared memory and `tiles` operands of this warp.
+
+    bias_sums: the register for its sum over the warp: lane i has half of that of neuron i / 2.
+    """
+    n_out = spec.sizes[-1]
     values = ", ".join(f"dy.c[{n}] * d_last(z.c[{n}])" if n < n_out else "0.0f" for n in range(MAX_OUT))
     saves = ""
     for u in range(2):
@@ -46,12 +48,14 @@ def start(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
         for count in (8, 4, 2, 1)
     )
     return f"""{{ real v[{MAX_OUT}] = {{{values}}};
-const unsigned last = area + {plan.last_dz};
-{saves}__syncwarp();
-for (int m = 0; m < 2; ++m)
+const unsigned last = area + {last_dz};
+if (lane < {16 * tiles}u) {{
+{saves}}}
+__syncwarp();
+for (int m = 0; m < {tiles}; ++m)
     load(last + (m * 64 + row) * {LAST_ROW} + ((upper ^ (lane >> 2 & 1u)) << 4), dz[m][0]);
 publish();
-{halve}sum.c[{final.bias_sums}] += v[0]; }}
+{"" if bias_sums is None else f"{halve}sum.c[{bias_sums}] += v[0];"} }}
 """
 
 
@@ -138,10 +142,10 @@ begin_products();
 """)
 
 
-def input_gradient(spec: NetworkSpec, plan: WarpgroupPlan, c_type: str) -> str:
-    """`(memory) -> dx` of this thread's sample, as `first_layer` left it."""
+def input_gradient(spec: NetworkSpec, enter: str, c_type: str) -> str:
+    """`(memory) -> dx` of this thread's sample, as `first_layer` left it. enter: what the text begins with."""
     n_in = spec.sizes[0]
-    text = f"{enter(spec, plan)}wp::vec_t<{n_in}, {c_type}> dx;\n__syncwarp();\n"
+    text = f"{enter}wp::vec_t<{n_in}, {c_type}> dx;\n__syncwarp();\n"
     for u in range(-(-n_in // 8)):
         text += f"{{ unsigned v[4]; load_unit(unit(0, {u}), v);\n"
         for k in range(8 * u, min(8 * u + 8, n_in)):

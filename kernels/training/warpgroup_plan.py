@@ -97,6 +97,9 @@ class WarpgroupPlan:
     def threads(self) -> int:
         return GROUPS * SAMPLES
 
+    lanes = 32  # of a warp, that have a sample
+    reaches_input = True
+
     @property
     def slice(self) -> int:
         """Floats that a block leaves: its gradient and, at `floats`, its loss."""
