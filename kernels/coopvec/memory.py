@@ -67,21 +67,30 @@ __shared__ uint4 staged[WP_TILE_BLOCK_DIM * CHUNK];
 uint4* const rows = staged + (threadIdx.x & ~31u) * CHUNK;
 auto place = [&](unsigned row, unsigned u) {{  // swizzled: no two of eight lanes meet in a bank
     return rows + row * CHUNK + (u ^ (CHUNK == 8 ? row & 7u : CHUNK == 4 ? row >> 1 & 3u : row >> 2 & 1u)); }};
-__syncwarp();  // what a lane has stored, another may load
+const unsigned own = lane % CHUNK, above = lane / CHUNK;  // the unit of a chunk, and the row, that this lane moves
+auto source = [&](unsigned c, unsigned r) {{
+    return reinterpret_cast<const uint4*>(first + (32 / CHUNK * r + above) * pitch) + c + own; }};
+auto inside = [&](unsigned c) {{ return c + CHUNK <= {units} || c + own < {units}; }};
+constexpr bool AHEAD = CHUNK < {units};  // in several chunks: wait for memory once
+uint4 ahead[{units} + CHUNK];
+#pragma unroll
+for (unsigned c = 0; c < {units} && AHEAD; c += CHUNK)
+#pragma unroll
+for (unsigned r = 0; r < CHUNK; ++r) if (inside(c)) ahead[c + r] = __ldcg(source(c, r));
 #pragma unroll
 for (unsigned c = 0; c < {units}; c += CHUNK) {{  // units of a row staged at a time
+__syncwarp();  // what a lane has stored, another may load
 #pragma unroll
-for (unsigned r = 0; r < CHUNK; ++r) {{
-    const unsigned row = 32 / CHUNK * r + lane / CHUNK, u = lane % CHUNK;
-    if (c + CHUNK <= {units} || c + u < {units}) asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
-        :: "r"(static_cast<unsigned>(__cvta_generic_to_shared(place(row, u)))), "l"(first + row * pitch + 16 * (c + u))
-        : "memory");
+for (unsigned r = 0; r < CHUNK; ++r) if (inside(c)) {{
+    uint4* const target = place(32 / CHUNK * r + above, own);
+    if (AHEAD) *target = ahead[c + r];
+    else asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
+        :: "r"(static_cast<unsigned>(__cvta_generic_to_shared(target))), "l"(source(c, r)) : "memory");
 }}
-asm volatile("cp.async.wait_all;" ::: "memory");
+if (!AHEAD) asm volatile("cp.async.wait_all;" ::: "memory");
 __syncwarp();
 #pragma unroll
 for (unsigned u = c; u < c + CHUNK && u < {units}; ++u) {{ const uint4 q = *place(lane, u - c); {take} }}
-__syncwarp();
 }}
 }} else
 #endif
