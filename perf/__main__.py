@@ -2,8 +2,8 @@
 
 Each runs in a process of its own and alone. On CUDA all run at once before that, one round each into a folder that goes
 away: their kernels then lie compiled in Warp's cache, and the measurements take little but their own time. `cpu` and
-`samples` are left out with `--device cuda`, `samples` with `--quick`. Ends with `python -m perf.report` unless `--out`
-is given.
+`samples` are left out with `--device cuda`, `samples` and `profile` with `--quick`, `profile` without CUDA. Ends with
+`python -m perf.report` unless `--out` is given.
 """
 
 import subprocess
@@ -16,12 +16,16 @@ from perf import report
 from perf.measure import Config
 from warp_neural.cli import resolve_device, run
 
-NAMES = ("inference", "divergence", "fusion", "layout", "precision", "training", "compile", "mipmap", "cpu", "samples")
-NOT_AHEAD = ("compile", "cpu", "samples")  # have caches of their own, or no CUDA kernels
+NAMES = (
+    "inference", "divergence", "fusion", "layout", "precision", "training", "compile", "mipmap", "profile", "cpu",
+    "samples",
+)  # fmt: skip
+NOT_AHEAD = ("compile", "profile", "cpu", "samples")  # have caches of their own, kernels of others, or none for CUDA
 
 
 def chosen(config: Config, cuda: bool) -> list[str]:
-    left_out = {"samples"} if config.quick else set()
+    left_out = {"samples", "profile"} if config.quick else set()
+    left_out |= set() if cuda else {"profile"}
     left_out |= {"cpu", "samples"} if cuda and config.device != "auto" else set()
     return [name for name in NAMES if name not in left_out]
 
