@@ -68,7 +68,7 @@ ONE_BY_ONE = (
 )
 SUMS = "A block of 8 warps has a multiprocessor to itself, as its lanes hold the weights' gradients in registers."
 UNFUSED = "No fused kernel at this width: every warp adds its gradients to memory."
-GRID = "Gradients of the grid are atomic additions, and its update visits all entries: see the kernels in the profile."
+GRID = "Gradients of the grid are atomic additions, and its update visits all entries: see its rows in the profile."
 
 INFERENCE = {
     ("float16, float16 sums", REGISTERS): (360, 420, 500, 540),
@@ -142,7 +142,7 @@ def step_goals() -> list[Goal]:
     goals, general = [], shape_name(*training.GENERAL)
     for name, recorded in training.RECORDED.items():
         why = {general: UNFUSED, "hash grid": GRID}.get(name, SUMS)
-        profiled = "" if name == general else f"train {name}, gradient"
+        profiled = "" if name in (general, "hash grid") else f"train {name}, gradient"
         for batch, ms in recorded.items():
             part, words = (1.0, "") if name in training.ENCODINGS else (0.5, "half of ")
             text = f"a step, {name}, {batch:,} samples, {words}tiny-cuda-nn's {ms}"

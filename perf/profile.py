@@ -73,23 +73,26 @@ def memory_launches(config: Config, device: wp.Device) -> dict[str, wp.Launch]:
     return found
 
 
+def named(name: str, step: Callable[[], None]) -> dict[str, wp.Launch]:
+    """The kernels of `step`: `name` if it is one, else numbered, each with what it is called."""
+    commands = recorded(step)
+    if len(commands) == 1:
+        return {name: commands[0]}
+    return {f"{name}, {i + 1}: {c.kernel.key.split('__')[-1]}": c for i, c in enumerate(commands)}
+
+
 def training_launches(config: Config, device: wp.Device) -> dict[str, wp.Launch]:
     found = {}
     for depth, width in training.SHAPES:
         sample, name = training.make_row_sample(width), f"train {shape_name(depth, width)}"
         trainer, _forward = training.row_trainer(config, device, depth, width, BATCH, sample)
-        (found[f"{name}, gradient"],) = recorded(lambda: trainer.launches.gradient(0))  # noqa: B023
-        (found[f"{name}, update"],) = recorded(trainer.launches.update)
-    frequency, grid = (
-        training.image_trainer(training.encoded_net(config, device, training.ENCODINGS[name]), BATCH)
-        for name in ("frequency", "hash grid")
-    )
-    (found["train frequency, gradient"],) = recorded(lambda: frequency.launches.gradient(0))
-    names = ("encode", "gradient", "adjoint")
-    for name, command in zip(names, recorded(lambda: grid.launches.gradient(0)), strict=True):
-        found[f"train hash grid, {name}"] = command
-    for name, command in zip(("update of the grid", "update"), recorded(grid.launches.update), strict=True):
-        found[f"train hash grid, {name}"] = command
+        found |= named(f"{name}, gradient", lambda: trainer.launches.gradient(0))  # noqa: B023
+        found |= named(f"{name}, update", trainer.launches.update)
+    for name in ("frequency", "hash grid"):
+        net = training.encoded_net(config, device, training.ENCODINGS[name])
+        trainer = training.image_trainer(net, BATCH)
+        found |= named(f"train {name}, gradient", lambda: trainer.launches.gradient(0))  # noqa: B023
+        found |= named(f"train {name}, update", trainer.launches.update)
     return found
 
 
