@@ -5,8 +5,8 @@ in the kernel and sum their outputs; on CUDA they give the better of no launch b
 are 64 neurons. `peak` is what the same instructions do alone. `memory` reads and writes float16 rows; its floor is a
 copy of as many bytes. `block` and `batch`: threads of a block and of a launch, of the fastest precision. `per thread`
 and `tiled` are the other implementations; on CUDA Warp takes a minute to compile each shape of a tiled product, so that
-only one is there. Other libraries, where installed, take `memory` rows too. All are compared with float64 before they
-are timed.
+only one is there. On CUDA other libraries that are installed take the rows of `memory` too (`perf.peers_cuda`). All are
+compared with float64 before they are timed.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from kernels.coopvec.rows import make_evaluate_kernel
-from perf import networks
+from perf import networks, peers_cuda
 from perf.measure import Bench, Config, check
 from perf.networks import LIMITS, SHAPES, flops, make_net, make_shade_kernel, random_rows, shape_name, truth
 from perf.peak import measure_cpu, measure_mma, measure_torch
@@ -106,6 +106,8 @@ def measure_memory(bench: Bench, shapes: list, n: int) -> None:
         bench.time("memory, float16", name, launch)
         half = [wp.zeros(n * (width + 16), dtype=wp.uint8, device=device) for _ in range(2)]  # half of all bytes
         bench.time("memory, floor", name, lambda: wp.copy(*half))  # noqa: B023
+        if device.is_cuda and (depth, width) in SHAPES and not config.quick:
+            peers_cuda.measure_inference(bench, net, x)
         if device.is_cuda and config.samples == 0:
             bench.recorded("memory, tiny-cuda-nn", name, TINY_CUDA_NN[depth, width], "ms")
 

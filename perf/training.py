@@ -7,7 +7,8 @@ of `samples.hardware_acceleration`, in plain arithmetic (`per_thread`) and coope
 
 `forward`: the network alone, on the same rows; `gradient`: samples, forward, loss, backward and what blocks add up;
 `update`: the sum over blocks, Adam and the packed weights; `step`: gradient and update. The gradient of every LxN is
-compared with float64 before it is timed. Other libraries that are installed run live on the rows of LxN: `perf.peers`.
+compared with float64 before it is timed. On CUDA other libraries that are installed train on the rows of LxN
+(`perf.peers_cuda`), on one core they do in `perf.cpu`.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from kernels.coopvec.rows import make_evaluate_kernel
+from perf import peers_cuda
 from perf.measure import Bench, Config, check
 from perf.networks import make_net, shape_name, true_gradient
 from perf.pictures import bars
@@ -91,12 +93,16 @@ def options(device: wp.Device) -> dict:
     return {**precision, "device": device}
 
 
+def make_rows(config: Config, width: int, batch: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and targets, float16 [batch, width] and [batch, 16]."""
+    x = np.random.default_rng(config.seed).uniform(-1, 1, (batch, width)).astype(np.float16)
+    return x, np.sin(3 * x[:, :16].astype(np.float32) + x[:, :1]).astype(np.float16)
+
+
 def row_trainer(config: Config, device: wp.Device, depth: int, width: int, batch: int, sample: wp.Function):
     """The trainer and a launch of the network alone, the gradient checked."""
     net = make_net(depth, width, seed=config.seed, dtype=wp.float16, **options(device))
-    rng, rows = np.random.default_rng(config.seed), Rows()
-    x = rng.uniform(-1, 1, (batch, width)).astype(np.float16)
-    target = np.sin(3 * x[:, :16].astype(np.float32) + x[:, :1]).astype(np.float16)
+    rows, (x, target) = Rows(), make_rows(config, width, batch)
     rows.x, rows.target = (wp.array(a, dtype=wp.float16, device=device) for a in (x, target))
     some = min(batch, 4096)
     checked = Trainer(net, sample=sample, data=rows, batch=some)
@@ -148,6 +154,9 @@ def measure(bench: Bench, shapes: list, encoded: dict, batches: tuple[int, ...])
             row = f"{shape_name(depth, width)}, {batch:,}"
             measure_parts(bench, row, trainer, batch)
             bench.time(row, "forward", forward)
+            if device.is_cuda and batch in RECORDED["2x32"] and width > 16 and not config.quick:
+                net = make_net(depth, width, seed=config.seed, device="cpu")
+                peers_cuda.measure_training(bench, net, *make_rows(config, width, batch))
     for name, encoding in progress(encoded.items(), config):
         for batch in batches:
             net = encoded_net(config, device, encoding)
