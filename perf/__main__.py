@@ -21,6 +21,7 @@ NAMES = (
     "samples",
 )  # fmt: skip
 NOT_AHEAD = ("compile", "profile", "cpu", "samples")  # have caches of their own, kernels of others, or none for CUDA
+MOST_SECONDS = 300  # of one measurement
 
 
 def chosen(config: Config, cuda: bool) -> list[str]:
@@ -31,7 +32,11 @@ def chosen(config: Config, cuda: bool) -> list[str]:
 
 
 def measure(name: str, options: list[str]) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, "-m", f"perf.{name}", *options], stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", f"perf.{name}", *options]
+    try:
+        return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=MOST_SECONDS)
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command, 1, stderr=f"it took more than {MOST_SECONDS} s")
 
 
 def compile_ahead(names: list[str], options: list[str]) -> None:
@@ -39,7 +44,7 @@ def compile_ahead(names: list[str], options: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor() as pool:
         for name in names:
             command = [sys.executable, "-m", f"perf.{name}", *options, "--rounds", "1", "--out", folder]
-            pool.submit(subprocess.run, command, capture_output=True)
+            pool.submit(subprocess.run, command, capture_output=True, timeout=MOST_SECONDS)
 
 
 def main(config: Config) -> dict:

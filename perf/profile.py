@@ -8,6 +8,7 @@ memory, L2 and DRAM can do, and bytes of DRAM a second. Rows of `perf.inference`
 inputs made in the kernel, `memory` with float16 rows, `train` with the kernels of a step of 2^18 samples.
 """
 
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from unittest import mock
@@ -97,14 +98,17 @@ def training_launches(config: Config, device: wp.Device) -> dict[str, wp.Launch]
 
 
 def add_static(bench: Bench, commands: dict[str, wp.Launch]) -> None:
-    tool = find_tool("cuobjdump")
+    tool, settings = find_tool("cuobjdump"), bench.result.settings
     if tool is None:
-        bench.result.settings["instructions"] = "none, as cuobjdump is neither on PATH nor in /usr/local/cuda*/bin"
+        settings["instructions"] = "none, as cuobjdump is neither on PATH nor in /usr/local/cuda*/bin"
     for row, command in progress(commands.items(), bench.config):
-        for column, value in counters.resources(command).items():
-            bench.add(row, column, value, "B" if column in ("stack", "shared") else "")
-        for column, value in (mix(tool, command) if tool else {}).items():
-            bench.add(row, f"{column} instructions", value, "")
+        try:
+            for column, value in counters.resources(command).items():
+                bench.add(row, column, value, "B" if column in ("stack", "shared") else "")
+            for column, value in (mix(tool, command) if tool else {}).items():
+                bench.add(row, f"{column} instructions", value, "")
+        except (OSError, RuntimeError, subprocess.CalledProcessError) as error:
+            settings["not to be had"] = f"{row}: {error}"
 
 
 def add_counted(bench: Bench, rows: list[str]) -> None:
