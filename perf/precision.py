@@ -3,7 +3,7 @@
 2 inputs, frequency encoding (8 octaves), 2x64 (CPU: 2x32), RGB, trained on the CPU on scikit-image's `astronaut`; its
 weights then go to networks of every precision. `picture`: milliseconds of all its pixels, the encoding included;
 `PSNR`: against the photograph; `error`: against the same weights in float64, relative. The PNG shows each picture.
-`trained`: PSNR of 2x32 after as many steps, a tenth, in float32 and in float16, from the same weights and samples.
+`trained`: PSNR of 2x32 after half as many steps of a quarter of the samples, the same in float32 and in float16.
 """
 
 from dataclasses import dataclass
@@ -133,7 +133,7 @@ def main(config: PrecisionConfig) -> dict:
         bench.add(row, "PSNR", psnr, "dB")
         bench.add(row, "error", float(np.linalg.norm(shown - exact) / np.linalg.norm(exact)), "")
         pictures[f"{row}\n{psnr:.2f} dB"] = picture
-    measure_trained(bench, image, max(1, steps // 10), batch)
+    measure_trained(bench, image, steps // 2, batch // 4)
     return bench.finish(lambda result: draw(pictures))
 
 
