@@ -39,11 +39,15 @@ def call(name: str, *arguments) -> None:
 
 
 def resources(command: wp.Launch) -> dict[str, int]:
-    """Of a recorded forward launch: `ATTRIBUTES`, shared memory with the dynamic part, and the warps that fit at once.
+    """Of a recorded launch: `ATTRIBUTES`, shared memory with the dynamic part, and the warps that fit at once.
 
     Bytes of `stack` are arrays that the program indexes, calls, and registers that spilled.
     """
-    function, dynamic = ctypes.c_void_p(command.hooks.forward), command.hooks.forward_smem_bytes
+    hooks = command.hooks
+    function, dynamic = hooks.forward, hooks.forward_smem_bytes
+    if command.adjoint:
+        function, dynamic = hooks.backward, hooks.backward_smem_bytes
+    function = ctypes.c_void_p(function)
     call("cuCtxSetCurrent", ctypes.c_void_p(command.device.context))
     found, value = {}, ctypes.c_int()
     for name, attribute in ATTRIBUTES.items():

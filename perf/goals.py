@@ -66,9 +66,8 @@ MAPS = "This shader's maps hold little more: learning displayed error alone ends
 ONE_BY_ONE = (
     "One input a network: the latency of the weights of 32 networks a warp. Tried: prefetching them (2.0 to 5.3)."
 )
-SUMS = "A block of 8 warps has a multiprocessor to itself, as its lanes hold the weights' gradients in registers."
-UNFUSED = "No fused kernel at this width: every warp adds its gradients to memory."
-GRID = "Gradients of the grid are atomic additions, and its update visits all entries: see its rows in the profile."
+SUMS = "One block has a multiprocessor to itself, as its threads hold the weights' gradients in registers."
+GRID = "Gradients of the grid are atomic additions to memory."
 TWO_PATHS = "NVRTC compiles two paths: for whole warps, and for warps with missing lanes or several networks."
 FIRST_CALL = ("compile", "inference, 3x64", "cold")
 
@@ -141,14 +140,13 @@ def inference_goals() -> list[Goal]:
 
 def step_goals() -> list[Goal]:
     """Times of training steps, against other libraries."""
-    goals, general = [], shape_name(*training.GENERAL)
+    goals = []
     for name, recorded in training.RECORDED.items():
-        why = {general: UNFUSED, "hash grid": GRID}.get(name, SUMS)
-        profiled = "" if name in (general, "hash grid") else f"train {name}, gradient"
         for batch, ms in recorded.items():
             part, words = (1.0, "") if name in training.ENCODINGS else (0.5, "half of ")
             text = f"a step, {name}, {batch:,} samples, {words}tiny-cuda-nn's {ms}"
-            where = {"most": True, "unit": "ms", "why": why, "kernel": profiled}
+            where = {"most": True, "unit": "ms", "kernel": f"train {name}, gradient"}
+            where["why"] = GRID if name == "hash grid" else SUMS
             goals.append(Goal("C", text, "training", f"{name}, {batch:,}", "step", part * ms, **where))
     for row, whose, ms in training.OTHERS:
         text = f"a step, {row} samples, {whose}: {ms}"

@@ -84,7 +84,7 @@ def named(name: str, step: Callable[[], None]) -> dict[str, wp.Launch]:
 
 def training_launches(config: Config, device: wp.Device) -> dict[str, wp.Launch]:
     found = {}
-    for depth, width in training.SHAPES:
+    for depth, width in [*training.SHAPES, training.WIDE]:
         sample, name = training.make_row_sample(width), f"train {shape_name(depth, width)}"
         trainer, _forward = training.row_trainer(config, device, depth, width, BATCH, sample)
         found |= named(f"{name}, gradient", lambda: trainer.launches.gradient(0))  # noqa: B023
@@ -124,11 +124,16 @@ def add_counted(bench: Bench, rows: list[str]) -> None:
             bench.add(row, column, value, counters.COUNTERS[column][1])
 
 
-def spoken(result: Result, row: str) -> str:
-    """What `result` has of a kernel, in words; empty if nothing."""
-    names = ("registers", "stack", "warps", *(name for name in counters.COUNTERS if name != "time"))
-    figures = [figure for name in names if (figure := result.find(row, name))]
-    return ", ".join(f"{figure.column} {figure.text()} {figure.unit}".strip() for figure in figures)
+def spoken(result: Result, name: str) -> str:
+    """What `result` has of a kernel, or of each of its numbered kernels, in words; empty if nothing."""
+    columns = ("registers", "stack", "warps", *(column for column in counters.COUNTERS if column != "time"))
+    texts = []
+    for row in dict.fromkeys(f.row for f in result.figures):
+        if row == name or row.startswith(f"{name}, "):
+            figures = [figure for column in columns if (figure := result.find(row, column))]
+            words = ", ".join(f"{figure.column} {figure.text()} {figure.unit}".strip() for figure in figures)
+            texts.append(f"*{row}*: {words}.")
+    return " ".join(texts)
 
 
 def main(config: ProfileConfig) -> dict:

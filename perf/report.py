@@ -54,7 +54,7 @@ def goals_table(results: dict[str, Result], cuda: bool) -> tuple[str, dict[str, 
 def reason(goal: Goal, results: dict[str, Result]) -> str:
     """Why the goal may be missed, and the profile of its kernel where there is one."""
     profile = spoken(results["profile"], goal.kernel) if "profile" in results and goal.kernel else ""
-    return " ".join(filter(None, (goal.why, profile and f"*{goal.kernel}*: {profile}.")))
+    return " ".join(filter(None, (goal.why, profile)))
 
 
 def section(result: Result, folder: str) -> str:

@@ -47,8 +47,9 @@ def mix_of(text: str) -> dict[str, int]:
 
 
 def mix(tool: str, command: wp.Launch) -> dict[str, int]:
-    """Of a recorded launch; from Warp's cache, where its cubin lies."""
-    module = command.kernel.module
-    module.options["block_dim"] = command.block_dim
-    (cubin,) = wp.compile_aot_module(module, device=command.device, use_ptx=False)
-    return mix_of(subprocess.run([tool, "-sass", str(cubin)], capture_output=True, text=True, check=True).stdout)
+    """Of a recorded launch, whose cubin lies in Warp's cache."""
+    name = command.kernel.module.get_module_identifier(block_dim=command.block_dim)
+    cubins = sorted((Path(wp.config.kernel_cache_dir) / name).glob("*.cubin"))
+    if not cubins:
+        raise RuntimeError(f"no cubin in {wp.config.kernel_cache_dir}/{name}")
+    return mix_of(subprocess.run([tool, "-sass", str(cubins[-1])], capture_output=True, text=True, check=True).stdout)

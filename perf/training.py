@@ -2,7 +2,7 @@
 
 `LxN`: float16 rows of N inputs and 16 targets in memory, L hidden layers of N neurons, ReLU, biases, L2, Adam; then
 encodings of a 2-megapixel image (2x64, RGB; on the CPU 2x32 and an eighth of the side). On CUDA float16 with float16
-sums, on the CPU float32; there 3x128 has no fused kernel. `course step`: networks of `samples.network`. `texture`: that
+sums, on the CPU float32. `course step`: networks of `samples.network`. `texture`: that
 of `samples.hardware_acceleration`, in plain arithmetic (`per_thread`) and cooperative; `unfused`: in the same kernels.
 
 `forward`: the network alone, on the same rows; `gradient`: samples, forward, loss, backward and what blocks add up;
@@ -28,7 +28,7 @@ from warp_neural.cli import progress, run
 from warp_neural.coopvec import make_load
 
 SHAPES = [(2, 32), (3, 32), (2, 64), (3, 64), (3, 16)]
-GENERAL = (3, 128)  # on CUDA not fused: its gradients are added to memory by every warp
+WIDE = (3, 128)  # on CUDA, and of it the step alone
 ENCODINGS = {
     "frequency": encodings.Frequency(8),
     "latent texture": encodings.LatentTexture(64, 64, 8),
@@ -163,11 +163,11 @@ def measure(bench: Bench, shapes: list, encoded: dict, batches: tuple[int, ...])
             measure_parts(bench, f"{name}, {batch:,}", image_trainer(net, batch), batch)
 
 
-def measure_general(bench: Bench, batches: tuple[int, ...]) -> None:
-    sample = make_row_sample(GENERAL[1])
+def measure_wide(bench: Bench, batches: tuple[int, ...]) -> None:
+    sample = make_row_sample(WIDE[1])
     for batch in batches:
-        trainer, _forward = row_trainer(bench.config, bench.device, *GENERAL, batch, sample)
-        measure_step(bench, f"{shape_name(*GENERAL)}, {batch:,}", trainer, batch)
+        trainer, _forward = row_trainer(bench.config, bench.device, *WIDE, batch, sample)
+        measure_step(bench, f"{shape_name(*WIDE)}, {batch:,}", trainer, batch)
 
 
 def measure_course(bench: Bench) -> None:
@@ -202,7 +202,7 @@ def main(config: TrainingConfig) -> dict:
     if not config.quick:
         measure_texture(bench)
     if cuda and not config.quick:
-        measure_general(bench, batches[:2])
+        measure_wide(bench, batches[:2])
         measure_course(bench)
     for name, recorded in RECORDED.items() if cuda else ():
         for batch, value in recorded.items():

@@ -3,7 +3,7 @@
 import pytest
 import warp as wp
 
-from perf import counters, networks, pictures, profile, report, sass
+from perf import counters, networks, pictures, profile, report, sass, training
 from perf.goals import GOALS
 from perf.results import Figure, Result
 from warp_neural.cli import run
@@ -111,7 +111,7 @@ def test_resources(device):
 
 def small_profile() -> Result:
     result = Result("profile", {"device": "Some GPU"}, {})
-    for row in ("network 2x32, float16, float16 sums", "memory 3x16"):
+    for row in ("network 2x32, float16, float16 sums", "memory 3x16", "train a, 1: x", "train a, 2: y"):
         values = {"registers": (96, ""), "tensor instructions": (64, ""), "move instructions": (9, "")}
         for column, (value, unit) in (values | {"tensor pipe": (45.0, "%"), "DRAM rate": (1200.0, "GB/s")}).items():
             result.figures.append(Figure(row, column, value, value, value, unit))
@@ -128,6 +128,8 @@ def test_picture_and_words(tmp_path):
     assert text.startswith(goal.why)
     assert text.endswith(f"*{goal.kernel}*: registers 96, tensor pipe 45 %, DRAM rate 1,200 GB/s.")
     assert report.reason(goal, {}) == goal.why
+    one = "registers 96, tensor pipe 45 %, DRAM rate 1,200 GB/s."
+    assert profile.spoken(result, "train a") == f"*train a, 1: x*: {one} *train a, 2: y*: {one}"
 
 
 def test_goals_name_rows_of_the_profile():
@@ -135,5 +137,7 @@ def test_goals_name_rows_of_the_profile():
     kinds = [f"{precision}, {sums} sums" for precision, sums in profile.KINDS]
     rows = {f"network {shape}, {kind}" for shape in shapes for kind in kinds}
     rows |= {f"memory {name}" for name in (*shapes, "3x16", "3x128")}
-    rows |= {f"train {networks.shape_name(*shape)}, gradient" for shape in profile.training.SHAPES}
-    assert {goal.kernel for goal in GOALS if goal.kernel} <= rows | {"train frequency, gradient"}
+    rows |= {f"train {networks.shape_name(*shape)}, gradient" for shape in (*training.SHAPES, training.WIDE)}
+    assert {goal.kernel for goal in GOALS if goal.kernel} <= rows | {
+        f"train {name}, gradient" for name in ("frequency", "hash grid")
+    }
