@@ -1,11 +1,11 @@
 """What holds the kernels back that the goals name: `python -m perf.profile`, on CUDA only.
 
-Of every kernel: registers a thread; bytes of stack, of which loops that run are rarely any (the network's is of the
-path for warps with missing lanes); bytes of shared memory a block; warps of a multiprocessor at once, of 64. The
-instructions of its program by kind, each counted once, all paths together; that takes `cuobjdump`. By Nsight Compute,
-where `ncu` is and may read counters: the time of a launch, percent of what tensor pipe, issue slots, L1 with shared
-memory, L2 and DRAM can do, and bytes of DRAM a second. Rows of `perf.inference` and `perf.training`: `network` with
-inputs made in the kernel, `memory` with float16 rows, `train` with the kernels of a step of 2^18 samples.
+Of every kernel: registers a thread; bytes of stack, for spilled registers and arrays (a network's are of the path for
+warps with missing lanes); bytes of shared memory a block; warps of a multiprocessor at once, of 64. The instructions
+of its program by kind, each counted once, all paths together; that takes `cuobjdump`. By Nsight Compute, where `ncu`
+is and may read counters: the time of a launch, percent of what tensor pipe, issue slots, L1 with shared memory, L2 and
+DRAM can do, and bytes of DRAM a second. Rows of `perf.inference` and `perf.training`: `network` with inputs made in the
+kernel, `memory` with float16 rows, `train` with the kernels of a step of 2^18 samples.
 """
 
 import subprocess
