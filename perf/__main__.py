@@ -2,8 +2,8 @@
 
 Each runs in a process of its own and alone. On CUDA all run at once before that, one round each into a folder that goes
 away: their kernels then lie compiled in Warp's cache, and the measurements take little but their own time. `cpu` and
-`samples` are left out with `--device cuda`, `samples` with `--quick`. Ends with `python -m perf.report` unless `--out`
-is given.
+`samples` are left out with `--device cuda`, `samples` and `profile` with `--quick`, `profile` without CUDA. Ends with
+`python -m perf.report` unless `--out` is given.
 """
 
 import subprocess
@@ -16,18 +16,27 @@ from perf import report
 from perf.measure import Config
 from warp_neural.cli import resolve_device, run
 
-NAMES = ("inference", "divergence", "fusion", "layout", "precision", "training", "compile", "mipmap", "cpu", "samples")
-NOT_AHEAD = ("compile", "cpu", "samples")  # have caches of their own, or no CUDA kernels
+NAMES = (
+    "inference", "divergence", "fusion", "layout", "precision", "training", "compile", "mipmap", "profile", "cpu",
+    "samples",
+)  # fmt: skip
+NOT_AHEAD = ("compile", "profile", "cpu", "samples")  # have caches of their own, kernels of others, or none for CUDA
+MOST_SECONDS = 300  # of one measurement
 
 
 def chosen(config: Config, cuda: bool) -> list[str]:
-    left_out = {"samples"} if config.quick else set()
+    left_out = {"samples", "profile"} if config.quick else set()
+    left_out |= set() if cuda else {"profile"}
     left_out |= {"cpu", "samples"} if cuda and config.device != "auto" else set()
     return [name for name in NAMES if name not in left_out]
 
 
 def measure(name: str, options: list[str]) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, "-m", f"perf.{name}", *options], stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", f"perf.{name}", *options]
+    try:
+        return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=MOST_SECONDS)
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command, 1, stderr=f"it took more than {MOST_SECONDS} s")
 
 
 def compile_ahead(names: list[str], options: list[str]) -> None:
@@ -35,7 +44,7 @@ def compile_ahead(names: list[str], options: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor() as pool:
         for name in names:
             command = [sys.executable, "-m", f"perf.{name}", *options, "--rounds", "1", "--out", folder]
-            pool.submit(subprocess.run, command, capture_output=True)
+            pool.submit(subprocess.run, command, capture_output=True, timeout=MOST_SECONDS)
 
 
 def main(config: Config) -> dict:

@@ -83,8 +83,8 @@ def main(config: Config) -> dict:
     cuda = bench.device.is_cuda
     bench.result.settings["precision"] = "float16, float16 sums" if cuda else "float32"
     shapes = SHAPES[:1] if config.quick else SHAPES[::3]
-    processes = 1 if config.quick else 2
-    bench.result.settings["rounds"] = f"{processes} processes each, medians"
+    processes = 1 if config.quick or cuda else 2  # CUDA's take many seconds to begin
+    bench.result.settings["rounds"] = f"{processes} cold and {processes} warm, medians"
     cases = [*(Case("inference", *shape) for shape in shapes), Case("training step", *shapes[0])]
     for case in progress(cases, config):
         seconds = []

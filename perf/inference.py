@@ -4,7 +4,9 @@ LxN: L hidden layers of N neurons, N inputs, 16 outputs, ReLU, random weights. T
 in the kernel and sum their outputs; on CUDA they give the better of no launch bounds and `networks.BOUNDED` where there
 are 64 neurons. `peak` is what the same instructions do alone. `memory` reads and writes float16 rows; its floor is a
 copy of as many bytes. `block` and `batch`: threads of a block and of a launch, of the fastest precision. `per thread`
-and `tiled` are the other implementations. All are compared with float64 before they are timed.
+and `tiled` are the other implementations; on CUDA Warp takes a minute to compile each shape of a tiled product, so that
+only one is there. On CUDA other libraries that are installed take the rows of `memory` too (`perf.peers_cuda`). All are
+compared with float64 before they are timed.
 """
 
 from dataclasses import dataclass
@@ -13,9 +15,9 @@ import numpy as np
 import warp as wp
 
 from kernels.coopvec.rows import make_evaluate_kernel
-from perf import networks
+from perf import networks, peers_cuda
 from perf.measure import Bench, Config, check
-from perf.networks import LIMITS, SHAPES, flops, make_net, make_shade_kernel, shape_name, truth
+from perf.networks import LIMITS, SHAPES, flops, make_net, make_shade_kernel, random_rows, shape_name, truth
 from perf.peak import measure_cpu, measure_mma, measure_torch
 from perf.pictures import bars
 from warp_neural import MLP
@@ -34,6 +36,8 @@ DRIVER = {(2, 32): 223, (3, 32): 313, (2, 64): 434, (3, 64): 497}
 TINY_CUDA_NN = {
     (2, 32): 0.0806, (3, 32): 0.0848, (2, 64): 0.1604, (3, 64): 0.1983, (3, 16): 0.0459, (3, 128): 0.6223,
 }  # fmt: skip
+
+TILED = (3, 16)  # all its layers have one shape
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,18 +82,21 @@ def measure_kinds(bench: Bench, shapes: list, n: int) -> None:
 def measure_others(bench: Bench, shapes: list, n: int) -> None:
     others = [("per_thread", "float32")] + ([] if bench.config.quick else [("tiled", "float16")])  # slow to compile
     for implementation, precision in others:
-        for shape in shapes[:1] if implementation == "tiled" and bench.device.is_cuda else shapes:
+        for shape in [TILED] if implementation == "tiled" and bench.device.is_cuda else shapes:
             options = {"implementation": implementation, "precision": precision, "device": bench.device}
             net = make_net(*shape, seed=bench.config.seed, **options)
             row = f"{implementation.replace('_', ' ')}, {precision}"
             measure_shade(bench, row, shape_name(*shape), net, n, bench.config.block)
+    if bench.device.is_cuda:
+        net = make_net(*TILED, seed=bench.config.seed, device=bench.device)
+        measure_shade(bench, "float16, float32 sums", shape_name(*TILED), net, n, bench.config.block)
 
 
 def measure_memory(bench: Bench, shapes: list, n: int) -> None:
-    config, device, rng = bench.config, bench.device, np.random.default_rng(bench.config.seed)
+    config, device = bench.config, bench.device
     for depth, width in shapes:
         net = make_net(depth, width, accumulation="float16", dtype=wp.float16, device=device, seed=config.seed)
-        kernel, x = make_evaluate_kernel(net.of_row, net.vec_out), rng.uniform(-1, 1, (n, width)).astype(np.float16)
+        kernel, x = make_evaluate_kernel(net.of_row, net.vec_out), random_rows(n, width, config.seed)
         inputs = wp.array(x, dtype=wp.float16, device=device)
         y = wp.zeros((n, 16), dtype=wp.float16, device=device)
         launch = lambda: wp.launch(kernel, n, [net.params, inputs, y], device=device, block_dim=config.block)  # noqa: B023, E731
@@ -99,6 +106,8 @@ def measure_memory(bench: Bench, shapes: list, n: int) -> None:
         bench.time("memory, float16", name, launch)
         half = [wp.zeros(n * (width + 16), dtype=wp.uint8, device=device) for _ in range(2)]  # half of all bytes
         bench.time("memory, floor", name, lambda: wp.copy(*half))  # noqa: B023
+        if device.is_cuda and (depth, width) in SHAPES and not config.quick:
+            peers_cuda.measure_inference(bench, net, x)
         if device.is_cuda and config.samples == 0:
             bench.recorded("memory, tiny-cuda-nn", name, TINY_CUDA_NN[depth, width], "ms")
 

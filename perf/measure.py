@@ -15,6 +15,7 @@ from warp_neural.files import atomic_path
 
 WARM_UP = 3  # rounds that do not count
 ROUND_MS = 5  # what a round of several launches takes, about
+MOST_MS = 3000  # of all rounds; where a launch takes long, there are fewer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,7 @@ def times(launch: Callable[[], None], device: wp.Device, rounds: int) -> np.ndar
         launch()  # compiles
         wp.synchronize_device(device)
         once = wall_ms(launch, 1)
-        repeat = int(np.clip(ROUND_MS // once, 1, 64))
+        repeat, rounds = int(np.clip(ROUND_MS // once, 1, 64)), int(np.clip(MOST_MS / once, min(3, rounds), rounds))
         if not device.is_cuda:
             return np.array([wall_ms(launch, repeat) for _ in range(WARM_UP + rounds)][WARM_UP:])
         with wp.ScopedCapture() as capture:

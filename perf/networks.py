@@ -43,6 +43,12 @@ def inputs_of(i: np.ndarray, n_in: int) -> np.ndarray:
     return (i[:, None] % 4096 / 4096 * 2 / n_in * np.arange(n_in) - 0.5).astype(np.float32)
 
 
+def random_rows(n: int, width: int, seed: int) -> np.ndarray:
+    """float16 in [-1, 1), [n, width]; the first 65,536 rows again and again."""
+    rows = np.random.default_rng(seed).uniform(-1, 1, (min(n, 1 << 16), width)).astype(np.float16)
+    return np.resize(rows, (n, width))
+
+
 def make_inputs(net: MLP) -> wp.Function:
     n_in, vec_in = net.n_in, net.vec_in
     element = net.spec.dtype

@@ -1,4 +1,5 @@
-"""The same networks in PyTorch and Dr.Jit, one core, float32; `pip install -e '.[peers]'` brings both.
+"""The same networks in PyTorch and Dr.Jit, one core, float32; `pip install -e '.[peers]'` brings both. On a GPU see
+`perf.peers_cuda`.
 
 Each function takes weights [n_out, n_in] and biases, and returns what the name says, by peer.
 """
@@ -7,6 +8,8 @@ from collections.abc import Callable
 from importlib.util import find_spec
 
 import numpy as np
+
+from warp_neural import MLP
 
 Layers = list[tuple[np.ndarray, np.ndarray]]
 
@@ -29,19 +32,51 @@ def torch_model(layers: Layers):
     return torch.nn.Sequential(*modules[:-1])
 
 
-def drjit_net(layers: Layers, layout: str):
+def layers_of(net: MLP) -> Layers:
+    return list(zip(net.weights, net.biases, strict=True))
+
+
+def drjit_types(cuda: bool) -> tuple:
+    """Of elements and tensors: float32 on one core, float16 on CUDA."""
+    if cuda:
+        from drjit.cuda.ad import Float16, TensorXf16
+
+        return Float16, TensorXf16
+    from drjit.llvm.ad import Float32, TensorXf
+
+    return Float32, TensorXf
+
+
+def drjit_net(layers: Layers, layout: str, cuda: bool = False):
     import drjit as dr
     from drjit import nn
-    from drjit.llvm.ad import TensorXf
 
     dr.set_thread_count(1)
+    tensor = drjit_types(cuda)[1]
     modules = []
     for weights, _ in layers:
         modules += [nn.Linear(-1, len(weights)), nn.ReLU()]
-    net = nn.Sequential(*modules[:-1]).alloc(TensorXf, layers[0][0].shape[1])
+    net = nn.Sequential(*modules[:-1]).alloc(tensor, layers[0][0].shape[1])
     for linear, (weights, biases) in zip(net.layers[::2], layers, strict=True):
-        linear.weights, linear.bias = TensorXf(weights), TensorXf(biases)
+        linear.weights, linear.bias = tensor(weights), tensor(biases)
     return nn.pack(net, layout=layout)
+
+
+def drjit_evaluator(layers: Layers, x: np.ndarray, cuda: bool = False) -> Callable[[], list]:
+    """The columns of the results, evaluated."""
+    import drjit as dr
+    from drjit import nn
+
+    array = drjit_types(cuda)[0]
+    net, columns = drjit_net(layers, "inference", cuda), [array(column) for column in x.T.copy()]
+    dr.eval(columns)
+
+    def evaluate() -> list:
+        y = list(net(nn.CoopVec(columns)))
+        dr.eval(y)
+        return y
+
+    return evaluate
 
 
 def inference(layers: Layers, x: np.ndarray, compiled: bool) -> dict[str, Callable[[], np.ndarray]]:
@@ -61,20 +96,8 @@ def inference(layers: Layers, x: np.ndarray, compiled: bool) -> dict[str, Callab
             faster = torch.compile(model)
             calls["torch.compile"] = lambda: evaluate(faster)
     if find_spec("drjit"):
-        import drjit as dr
-        from drjit import nn
-        from drjit.llvm.ad import Float32
-
-        net, columns = drjit_net(layers, "inference"), [Float32(column) for column in x.T.copy()]
-        dr.eval(columns)
-
-        def evaluate_drjit() -> np.ndarray:
-            y = list(net(nn.CoopVec(columns)))
-            dr.eval(y)
-            dr.sync_thread()
-            return np.stack([value.numpy() for value in y], 1)
-
-        calls["Dr.Jit"] = evaluate_drjit
+        evaluate_drjit = drjit_evaluator(layers, x)
+        calls["Dr.Jit"] = lambda: np.stack([value.numpy() for value in evaluate_drjit()], 1)
     return calls
 
 

@@ -46,3 +46,29 @@ def line(ax, figures: Iterable[Figure], label: str, **style) -> None:
     x = [float(f.row.replace(",", "")) for f in figures]
     (drawn,) = ax.plot(x, [f.value for f in figures], label=label, **style)
     ax.fill_between(x, [f.low for f in figures], [f.high for f in figures], color=drawn.get_color(), alpha=0.2)
+
+
+def shares(result: Result):
+    """Of a profile: the instructions of each kernel by kind, and what the counters say in percent, where they are."""
+    from matplotlib.figure import Figure as Canvas
+
+    rows = list(dict.fromkeys(f.row for f in result.figures))
+    canvas = Canvas(figsize=(15, 1.5 + 0.2 * len(rows)), layout="constrained")
+    left, right = canvas.subplots(1, 2, sharey=True)
+    names = [name for name in dict.fromkeys(f.column for f in result.figures) if name.endswith(" instructions")]
+    at = dict.fromkeys(rows, 0.0)
+    for i, name in enumerate(names):
+        values = [f.value if (f := result.find(row, name)) else 0.0 for row in rows]
+        left.barh(rows, values, left=list(at.values()), color=f"C{i}", label=name.removesuffix(" instructions"))
+        at = {row: at[row] + value for row, value in zip(rows, values, strict=True)}
+    for i, name in enumerate(dict.fromkeys(f.column for f in result.figures if f.unit == "%")):
+        figures = result.rows(name)
+        right.plot([f.value for f in figures], [f.row for f in figures], "o", color=f"C{i}", label=name)
+    left.set(title=f"Instructions of the program\n{result.machine['device']}", xlabel="instructions")
+    right.set(title="Percent of the peak", xlabel="%", xlim=(0, 100))
+    left.invert_yaxis()
+    for ax in (left, right):
+        ax.grid(axis="both", alpha=0.3)
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(fontsize=8)
+    return canvas

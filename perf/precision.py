@@ -3,6 +3,7 @@
 2 inputs, frequency encoding (8 octaves), 2x64 (CPU: 2x32), RGB, trained on the CPU on scikit-image's `astronaut`; its
 weights then go to networks of every precision. `picture`: milliseconds of all its pixels, the encoding included;
 `PSNR`: against the photograph; `error`: against the same weights in float64, relative. The PNG shows each picture.
+`trained`: PSNR of 2x32 after half as many steps of a quarter of the samples, the same in float32 and in float16.
 """
 
 from dataclasses import dataclass
@@ -89,6 +90,20 @@ def draw(pictures: dict[str, np.ndarray]):
     return canvas
 
 
+def measure_trained(bench: Bench, image: np.ndarray, steps: int, batch: int) -> None:
+    device, size, found = bench.device, len(image), {}
+    data = wp.array(image, dtype=wp.vec3, device=device)
+    for precision in ("float32", "float16"):
+        net = make(bench.config, device, 32, precision, "float32")
+        optimizer = optim.Adam(lr=2e-3)
+        Trainer(net, sample=pixel, data=data, optimizer=optimizer, batch=batch, seed=0).run(steps, quiet=True)
+        y = wp.zeros(size * size, dtype=wp.vec3, device=device)
+        wp.launch(make_picture_kernel(net), y.size, [net.params, size, y], device=device)
+        found[precision] = displayed_psnr(image, np.clip(y.numpy().reshape(image.shape), 0, 1))
+        bench.add(f"{precision}, float32 sums", "trained", found[precision], "dB")
+    bench.add("float16 under float32", "trained", found["float32"] - found["float16"], "dB")
+
+
 def main(config: PrecisionConfig) -> dict:
     bench = Bench("precision", config, block=256)
     device = bench.device
@@ -118,6 +133,7 @@ def main(config: PrecisionConfig) -> dict:
         bench.add(row, "PSNR", psnr, "dB")
         bench.add(row, "error", float(np.linalg.norm(shown - exact) / np.linalg.norm(exact)), "")
         pictures[f"{row}\n{psnr:.2f} dB"] = picture
+    measure_trained(bench, image, steps // 2, batch // 4)
     return bench.finish(lambda result: draw(pictures))
 
 

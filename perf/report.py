@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from perf.advice import advice
-from perf.goals import GOALS, TESTED
+from perf.goals import ELSEWHERE, GOALS, TESTED, Goal
+from perf.profile import spoken
 from perf.results import FOLDER, Result, load_all
 from warp_neural.cli import run
 from warp_neural.errors import InputError
@@ -16,7 +17,10 @@ Made by `python -m perf`, gathered by `python -m perf.report`. Medians of the ro
 *Recorded*: measured by others or elsewhere, not in that run. LxN: L hidden layers of N neurons, N inputs, 16 outputs.
 `python -m perf.compare OLD NEW` shows what moved between two folders of results beyond its spread.
 """
-ORDER = ("inference", "divergence", "fusion", "layout", "precision", "training", "compile", "cpu", "mipmap", "samples")
+ORDER = (
+    "inference", "divergence", "fusion", "layout", "precision", "training", "compile", "cpu", "mipmap", "samples",
+    "profile",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,11 +43,18 @@ def goals_table(results: dict[str, Result], cuda: bool) -> tuple[str, dict[str, 
         measured, asked, verdict = goal.judge(results)
         kind = next((kind for kind in ("met", "missed") if f"**{kind}**" in verdict), "not measured")
         counts[kind] += 1
-        if kind == "missed" and goal.why:
-            verdict += f" [{reasons.setdefault(goal.why, len(reasons) + 1)}]"
+        why = reason(goal, results)
+        if kind == "missed" and why:
+            verdict += f" [{reasons.setdefault(why, len(reasons) + 1)}]"
         lines.append(f"| {goal.part} | {goal.text} | {measured} | {asked} | {verdict} |")
     lines += ["", *(f"[{number}] {why}" + "  " for why, number in reasons.items())]
     return "\n".join(lines), counts
+
+
+def reason(goal: Goal, results: dict[str, Result]) -> str:
+    """Why the goal may be missed, and the profile of its kernel where there is one."""
+    profile = spoken(results["profile"], goal.kernel) if "profile" in results and goal.kernel else ""
+    return " ".join(filter(None, (goal.why, profile)))
 
 
 def section(result: Result, folder: str) -> str:
@@ -81,6 +92,7 @@ def main(config: Config) -> dict:
     if not any_cuda:
         pages.append(f"## H200: not measured yet\n\n### Goals\n\n{goals_table({}, True)[0]}")
     tested = ["## Goals that tests hold\n", *(f"- {goal}: `{tests}`" for goal, tests in TESTED.items()), ""]
+    tested += ["## Goals measured elsewhere\n", *(f"- {goal}: {found}" for goal, found in ELSEWHERE.items()), ""]
     path = config.out or config.results.parent / "RESULTS.md"
     with atomic_path(path) as temporary:
         temporary.write_text("\n".join([INTRO, *pages, *tested]))

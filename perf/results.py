@@ -30,7 +30,8 @@ class Figure:
     recorded: bool = False
 
     def text(self) -> str:
-        number = f"{self.value:,.0f}" if abs(self.value) >= 1e4 else f"{self.value:.3g}"
+        whole = abs(self.value) >= 1e4 or float(self.value).is_integer()
+        number = f"{self.value:,.0f}" if whole else f"{self.value:.3g}"
         if self.high > self.low and self.value:
             number += f" ±{50 * (self.high - self.low) / abs(self.value):.2g}%"
         return f"{number} {self.note}".strip()

@@ -2,9 +2,13 @@
 
 `LxN`: float16 rows of N inputs and 16 targets in memory, L hidden layers of N neurons, ReLU, biases, L2, Adam; then
 encodings of a 2-megapixel image (2x64, RGB; on the CPU 2x32 and an eighth of the side). On CUDA float16 with float16
-sums, on the CPU float32. `forward`: the network alone, on the same rows; `gradient`: samples, forward, loss, backward
-and what blocks add up; `update`: the sum over blocks, Adam and the packed weights; `step`: gradient and update. The
-gradient of every LxN is compared with float64 before it is timed. For PyTorch and Dr.Jit see `perf.cpu`.
+sums, on the CPU float32. `course step`: networks of `samples.network`. `texture`: that
+of `samples.hardware_acceleration`, in plain arithmetic (`per_thread`) and cooperative; `unfused`: in the same kernels.
+
+`forward`: the network alone, on the same rows; `gradient`: samples, forward, loss, backward and what blocks add up;
+`update`: the sum over blocks, Adam and the packed weights; `step`: gradient and update. The gradient of every LxN is
+compared with float64 before it is timed. On CUDA other libraries that are installed train on the rows of LxN
+(`perf.peers_cuda`), on one core they do in `perf.cpu`.
 """
 
 from dataclasses import dataclass
@@ -13,30 +17,43 @@ import numpy as np
 import warp as wp
 
 from kernels.coopvec.rows import make_evaluate_kernel
+from perf import peers_cuda
 from perf.measure import Bench, Config, check
 from perf.networks import make_net, shape_name, true_gradient
 from perf.pictures import bars
+from samples.hardware_acceleration import texture
+from samples.network import step_02_multiple_layers, step_04_frequency_encoding
 from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import progress, run
 from warp_neural.coopvec import make_load
 
 SHAPES = [(2, 32), (3, 32), (2, 64), (3, 64), (3, 16)]
+WIDE = (3, 128)  # on CUDA, and of it the step alone
 ENCODINGS = {
     "frequency": encodings.Frequency(8),
     "latent texture": encodings.LatentTexture(64, 64, 8),
     "hash grid": encodings.HashGrid(),
 }
-# recorded on an H200: tiny-cuda-nn (JIT, best layout), ms a step by network and samples; others of the same networks
+# recorded on an H200: tiny-cuda-nn (JIT, best layout), ms a step by network and samples
 RECORDED = {
     "2x32": {1 << 18: 0.0850, 1 << 16: 0.0336},
     "3x32": {1 << 18: 0.0844, 1 << 16: 0.0347},
     "2x64": {1 << 18: 0.1320, 1 << 16: 0.0457},
     "3x64": {1 << 18: 0.1594, 1 << 16: 0.0513},
     "3x16": {1 << 18: 0.0663, 1 << 16: 0.0286},
-    "3x128": {1 << 18: 0.5253, 1 << 16: 0.1837},  # without JIT; not measured here: its gradient has no fused kernel yet
+    "3x128": {1 << 18: 0.5253, 1 << 16: 0.1837},  # without JIT
     "frequency": {1 << 18: 0.0776, 1 << 16: 0.0326},
     "hash grid": {1 << 18: 0.4125},
 }
+# and others: row, whose it is, ms
+OTHERS = [
+    ("2x32, 262,144", "Dr.Jit", 0.203),
+    ("3x64, 262,144", "Dr.Jit", 0.741),
+    ("3x64, 65,536", "slangpy, 24-64-64-64-3", 0.858),
+    ("course step 2, 4,096", "the course", 8.3),
+    ("course step 4, 4,096", "the course", 10.6),
+]
+COURSE = {"course step 2": step_02_multiple_layers, "course step 4": step_04_frequency_encoding}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,12 +93,16 @@ def options(device: wp.Device) -> dict:
     return {**precision, "device": device}
 
 
+def make_rows(config: Config, width: int, batch: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and targets, float16 [batch, width] and [batch, 16]."""
+    x = np.random.default_rng(config.seed).uniform(-1, 1, (batch, width)).astype(np.float16)
+    return x, np.sin(3 * x[:, :16].astype(np.float32) + x[:, :1]).astype(np.float16)
+
+
 def row_trainer(config: Config, device: wp.Device, depth: int, width: int, batch: int, sample: wp.Function):
     """The trainer and a launch of the network alone, the gradient checked."""
     net = make_net(depth, width, seed=config.seed, dtype=wp.float16, **options(device))
-    rng, rows = np.random.default_rng(config.seed), Rows()
-    x = rng.uniform(-1, 1, (batch, width)).astype(np.float16)
-    target = np.sin(3 * x[:, :16].astype(np.float32) + x[:, :1]).astype(np.float16)
+    rows, (x, target) = Rows(), make_rows(config, width, batch)
     rows.x, rows.target = (wp.array(a, dtype=wp.float16, device=device) for a in (x, target))
     some = min(batch, 4096)
     checked = Trainer(net, sample=sample, data=rows, batch=some)
@@ -95,27 +116,33 @@ def row_trainer(config: Config, device: wp.Device, depth: int, width: int, batch
     return Trainer(net, sample=sample, data=rows, batch=batch), forward
 
 
-def image_trainer(config: Config, device: wp.Device, encoding: encodings.Encoding, batch: int) -> Trainer:
+def encoded_net(config: Config, device: wp.Device, encoding: encodings.Encoding) -> MLP:
+    width = 64 if device.is_cuda else 32
+    return MLP(2, 3, width, 2, encoding=encoding, seed=config.seed, **options(device))
+
+
+def image_trainer(net: MLP, batch: int) -> Trainer:
+    device = net.device
     side = 1024 if device.is_cuda else 128
     y, x = np.mgrid[:side, : 2 * side] / side
     channels = [0.5 + 0.5 * np.sin(40 * x * y), 0.5 + 0.5 * np.cos(60 * x + 20 * y * y), (16 * x + 16 * y) % 2 < 1]
     image = wp.array(np.stack(channels, -1).astype(np.float32), dtype=wp.vec3, device=device)
-    width = 64 if device.is_cuda else 32
-    net = MLP(2, 3, width, 2, encoding=encoding, seed=config.seed, **options(device))
     return Trainer(net, sample=pixel, data=image, batch=batch)
 
 
-def measure_parts(bench: Bench, name: str, trainer: Trainer, batch: int) -> None:
-    launches, row = trainer.launches, f"{name}, {batch:,}"
-
+def measure_step(bench: Bench, row: str, trainer: Trainer, batch: int) -> None:
     def step() -> None:
-        launches.gradient(0)
-        launches.update()
+        trainer.launches.gradient(0)
+        trainer.launches.update()
 
     ms = bench.time(row, "step", step)
-    bench.time(row, "gradient", lambda: launches.gradient(0))
-    bench.time(row, "update", launches.update)
     bench.add(row, "samples", batch / ms / 1e3, "million/s")
+
+
+def measure_parts(bench: Bench, row: str, trainer: Trainer, batch: int) -> None:
+    measure_step(bench, row, trainer, batch)
+    bench.time(row, "gradient", lambda: trainer.launches.gradient(0))
+    bench.time(row, "update", trainer.launches.update)
 
 
 def measure(bench: Bench, shapes: list, encoded: dict, batches: tuple[int, ...]) -> None:
@@ -124,12 +151,42 @@ def measure(bench: Bench, shapes: list, encoded: dict, batches: tuple[int, ...])
         sample = make_row_sample(width)
         for batch in batches:
             trainer, forward = row_trainer(config, device, depth, width, batch, sample)
-            name = shape_name(depth, width)
-            measure_parts(bench, name, trainer, batch)
-            bench.time(f"{name}, {batch:,}", "forward", forward)
+            row = f"{shape_name(depth, width)}, {batch:,}"
+            measure_parts(bench, row, trainer, batch)
+            bench.time(row, "forward", forward)
+            if device.is_cuda and batch in RECORDED["2x32"] and width > 16 and not config.quick:
+                net = make_net(depth, width, seed=config.seed, device="cpu")
+                peers_cuda.measure_training(bench, net, *make_rows(config, width, batch))
     for name, encoding in progress(encoded.items(), config):
         for batch in batches:
-            measure_parts(bench, name, image_trainer(config, device, encoding, batch), batch)
+            net = encoded_net(config, device, encoding)
+            measure_parts(bench, f"{name}, {batch:,}", image_trainer(net, batch), batch)
+
+
+def measure_wide(bench: Bench, batches: tuple[int, ...]) -> None:
+    sample = make_row_sample(WIDE[1])
+    for batch in batches:
+        trainer, _forward = row_trainer(bench.config, bench.device, *WIDE, batch, sample)
+        measure_step(bench, f"{shape_name(*WIDE)}, {batch:,}", trainer, batch)
+
+
+def measure_course(bench: Bench) -> None:
+    batch = 1 << 12
+    for name, module in COURSE.items():
+        net = module.make_network(seed=bench.config.seed, **options(bench.device))
+        measure_step(bench, f"{name}, {batch:,}", image_trainer(net, batch), batch)
+
+
+def measure_texture(bench: Bench) -> None:
+    device, seed = bench.device, bench.config.seed
+    size = texture.Size(1024, 1 << 14) if device.is_cuda else texture.Size(256, 1 << 12)
+    codes = np.random.default_rng(seed).integers(0, 256, (1024, 1024, 3), dtype=np.uint8)
+    picture = wp.array(codes, dtype=wp.vec3ub, device=device)
+    for name in ("per_thread", "unfused", "float16"):
+        version = texture.VERSIONS[name]
+        net = texture.make_network(version, size, seed, device)
+        trainer = Trainer(net, sample=texture.sample, data=picture, batch=size.batch, fused=version.fused)
+        measure_step(bench, f"texture, {name}", trainer, size.batch)
 
 
 def main(config: TrainingConfig) -> dict:
@@ -142,10 +199,18 @@ def main(config: TrainingConfig) -> dict:
         shapes, encoded = SHAPES[:1], {}
     bench.result.settings["precision"] = "float16, float16 sums" if cuda else "float32"
     measure(bench, shapes, encoded, batches)
+    if not config.quick:
+        measure_texture(bench)
+    if cuda and not config.quick:
+        measure_wide(bench, batches[:2])
+        measure_course(bench)
     for name, recorded in RECORDED.items() if cuda else ():
         for batch, value in recorded.items():
             if batch in batches and bench.result.find(f"{name}, {batch:,}", "step"):
                 bench.recorded(f"{name}, {batch:,}, tiny-cuda-nn", "step", value, "ms")
+    for row, whose, value in OTHERS:
+        if bench.result.find(row, "step"):
+            bench.recorded(f"{row}, {whose}", "step", value, "ms")
     return bench.finish(lambda result: bars(result, "One training step", "ms"))
 
 

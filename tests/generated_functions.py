@@ -6,7 +6,6 @@ HEAD = """import warp as wp
 
 from warp_neural import autodiff
 
-wp.set_module_options({"optimization_level": 0})  # run once: what counts is the time to compile
 real, vec3 = wp.float64, wp.vec3d
 """
 

@@ -26,6 +26,8 @@ def generated(tmp_path_factory):
 
 def test_generated_functions(generated, device):
     """jvp = Jacobian times direction, with Warp's Jacobians by reverse mode and by finite differences, in float64."""
+    # run once: what counts is the time to compile; Warp warns of level 0 on CUDA
+    wp.set_module_options({"optimization_level": 0 if device.is_cpu else 1}, generated)
     rng = np.random.default_rng(2)
     at = wp.array(rng.uniform(-1, 1, 5), dtype=wp.float64, device=device, requires_grad=True)
     directions = np.vstack([np.eye(5), rng.uniform(-1, 1, (3, 5))])

@@ -1,0 +1,172 @@
+"""The same networks in PyTorch, tinycudann and Dr.Jit on one GPU, in float16; each where it is installed.
+
+Times of calls as a user makes them, a few before the host waits: small batches show what launching costs. PyTorch
+trains in mixed precision, `torch.compile` takes part in one shape; tinycudann has no biases.
+"""
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from perf.measure import WARM_UP, Bench, check, wall_ms
+from perf.networks import shape_name, true_gradient, truth
+from perf.peers import drjit_evaluator, drjit_net, layers_of, torch_model
+from warp_neural import MLP
+
+COMPILED, COMPILED_STEP = "3x64", "3x64, 262,144"  # by torch.compile, which may take a minute
+CALLS = 8  # in a row
+CHECKED, LIMIT = 4096, 1e-2  # rows, and the relative error of what a peer computes
+
+
+def installed(bench: Bench) -> list[str]:
+    """Peers by module; PyTorch only if it sees the GPU."""
+    found = [name for name in ("torch", "tinycudann", "drjit") if find_spec(name)]
+    if "torch" in found:
+        import torch
+
+        if not torch.cuda.is_available():
+            found = [name for name in found if name == "drjit"]
+    bench.result.settings["peers installed"] = ", ".join(found) or "none"
+    return found
+
+
+def shape_of(net: MLP) -> tuple[int, int]:
+    return len(net.spec.layers) - 1, net.n_in
+
+
+def modules(net: MLP, device: str, found: list[str], compiled: bool) -> dict[str, Any]:
+    """The network as PyTorch's modules, by peer."""
+    if "torch" not in found:
+        return {}
+    import torch
+
+    made = {"PyTorch eager": torch_model(layers_of(net)).to(device)}
+    if compiled:
+        made["torch.compile"] = torch.compile(torch_model(layers_of(net)).to(device))
+    if "tinycudann" in found:
+        import tinycudann
+
+        depth, width = shape_of(net)
+        network = {"otype": "FullyFusedMLP", "activation": "ReLU", "output_activation": "None"}
+        network |= {"n_neurons": width, "n_hidden_layers": depth}
+        made["tinycudann"] = tinycudann.Network(width, net.spec.sizes[-1], network)
+        weights = np.concatenate([w.ravel() for w in net.weights])
+        with torch.no_grad():
+            made["tinycudann"].params.copy_(torch.from_numpy(weights))
+    return made
+
+
+def compared(net: MLP, name: str) -> MLP:
+    """What peer `name` computes: `net`, for tinycudann without biases."""
+    if name != "tinycudann":
+        return net
+    bare = MLP(net.n_in, net.spec.sizes[-1], net.n_in, len(net.spec.layers) - 1, device="cpu")
+    bare.weights, bare.biases = net.weights, [np.zeros_like(b) for b in net.biases]
+    return bare
+
+
+def add(bench: Bench, row: str, column: str, make: Callable[[], Callable[[], Any]]) -> None:
+    """The times of the call that `make` returns after it has checked it. What fails is noted, and stops nothing."""
+    try:
+        call = make()
+        values = [wall_ms(call, CALLS) for _ in range(WARM_UP + bench.config.rounds)]
+    except Exception as error:  # of other libraries, their compilers and drivers
+        bench.result.settings[f"{row}, {column} failed"] = str(error).strip().split("\n")[0][:200]
+        return
+    bench.add(row, column, np.array(values[WARM_UP:]), "ms")
+
+
+def measure_inference(bench: Bench, net: MLP, x: np.ndarray) -> None:
+    """Rows x, float16 [n, n_in], in memory; rows `memory, PEER` of the shape's column."""
+    found, column = installed(bench), shape_name(*shape_of(net))
+    for name, module in modules(net, "cuda", found, column == COMPILED).items():
+        add(bench, f"memory, {name}", column, lambda: torch_inference(name, net, module, x, "cuda"))  # noqa: B023
+    if "drjit" in found:
+        add(bench, "memory, Dr.Jit", column, lambda: drjit_inference(net, x))
+
+
+def torch_inference(name: str, net: MLP, module: Any, x: np.ndarray, device: str) -> Callable[[], Any]:
+    import torch
+
+    inputs, module = torch.from_numpy(x).to(device), module if name == "tinycudann" else module.to(torch.float16)
+
+    def call() -> Any:
+        with torch.no_grad():
+            return module(inputs)
+
+    check(name, call()[:CHECKED].float().cpu().numpy(), truth(compared(net, name), x[:CHECKED]), LIMIT)
+    return call
+
+
+def drjit_inference(net: MLP, x: np.ndarray) -> Callable[[], Any]:
+    call = drjit_evaluator(layers_of(net), x, cuda=True)
+    y = np.stack([value.numpy()[:CHECKED] for value in call()], 1)
+    check("Dr.Jit", y.astype(np.float32), truth(net, x[:CHECKED]), LIMIT)
+    return call
+
+
+def measure_training(bench: Bench, net: MLP, x: np.ndarray, target: np.ndarray) -> None:
+    """A step on the same rows: forward, L2, backward, Adam; rows `LxN, BATCH, PEER`."""
+    found, row = installed(bench), f"{shape_name(*shape_of(net))}, {len(x):,}"
+    for name, module in modules(net, "cuda", found, row == COMPILED_STEP).items():
+        make = lambda: torch_training(name, net, module, x, target, "cuda")  # noqa: B023, E731
+        add(bench, f"{row}, {name}", "step", make)
+    if "drjit" in found:
+        add(bench, f"{row}, Dr.Jit", "step", lambda: drjit_training(net, x, target))
+
+
+def torch_training(name: str, net: MLP, module: Any, x: np.ndarray, target: np.ndarray, device: str) -> Callable:
+    import torch
+
+    some = len(x) if name == "torch.compile" else min(len(x), CHECKED)  # it compiles again for another size
+    inputs, targets = (torch.from_numpy(array).to(device) for array in (x, target))
+    optimizer = torch.optim.Adam(module.parameters(), lr=1e-3, fused=True)
+    scaler = torch.amp.GradScaler(device)
+
+    def gradient(n: int) -> None:
+        optimizer.zero_grad()
+        with torch.autocast(device, torch.float16, enabled=name != "tinycudann"):
+            y = module(inputs[:n])
+        scaler.scale(torch.nn.functional.mse_loss(y.float(), targets[:n].float())).backward()
+
+    def step() -> None:
+        gradient(len(x))
+        scaler.step(optimizer)
+        scaler.update()
+
+    gradient(some)
+    parts = [parameter.grad.flatten() for parameter in module.parameters()]
+    found = torch.cat(parts).float().cpu().numpy() / scaler.get_scale()
+    expected = true_gradient(compared(net, name), x[:some], target[:some].astype(np.float64))
+    if name == "tinycudann":
+        expected = expected[np.concatenate([np.repeat([True, False], [w.size, len(w)]) for w in net.weights])]
+    check(f"{name}, gradient", found, expected, LIMIT)
+    return step
+
+
+def drjit_training(net: MLP, x: np.ndarray, target: np.ndarray) -> Callable[[], Any]:
+    """Its loss must fall: the gradient lies in a packed buffer of its own order."""
+    import drjit as dr
+    from drjit import nn
+    from drjit.cuda.ad import Float16
+    from drjit.opt import Adam
+
+    packed, optimizer = drjit_net(layers_of(net), "training", cuda=True), Adam(lr=1e-3)
+    columns, targets = ([Float16(column) for column in array.T.copy()] for array in (x, target))
+    optimizer.update(packed)
+
+    def step() -> Any:
+        packed.update(optimizer)
+        y = list(packed(nn.CoopVec(columns)))
+        loss = sum(dr.mean(dr.square(a - b)) for a, b in zip(y, targets, strict=True)) / len(y)
+        dr.backward(loss)
+        optimizer.step()
+        dr.eval(loss)
+        return loss
+
+    losses = [step().numpy()[0] for _ in range(20)]
+    if not losses[-1] < losses[0]:
+        raise RuntimeError(f"the loss went from {losses[0]:.3g} to {losses[-1]:.3g}")
+    return step
