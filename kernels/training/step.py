@@ -182,7 +182,7 @@ def make_gradient_kernel(
         total = float(0.0)
         stride = partial.shape[0] * per_round
         lane = thread % 32
-        first = thread / 32 * wp.static(lanes) + lane
+        first = thread / 32 * wp.static(lanes) + wp.min(lane, wp.static(lanes - 1))
         x, target = draw(progress, step, micro * batch + wp.min(first, batch - 1), data)
         begin(params, memory)
         for start in range(0, batch, stride):

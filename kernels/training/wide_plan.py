@@ -1,9 +1,9 @@
 """How the two warpgroups of a block share a fused training step on Hopper, for networks of 128 neurons a layer.
 
 Each takes 64 samples through all layers; the gradient of a layer's weights, dW = dz^T H, has the 128 samples of both as
-its inner dimension, and each warpgroup keeps the rows of 64 neurons of it in registers. They hold one layer of 128 x 128
-beside the vectors: a step takes several passes, from the last layers to the first, each a launch that computes again
-what it needs. Slots are those of `warpgroup_plan`, in panels of 64 columns.
+its inner dimension, and each warpgroup keeps the rows of 64 neurons of it in registers. They hold one layer of 128 x
+128 beside the vectors: a step takes several passes, from the last layers to the first, each a launch that computes what
+it needs again. Slots are those of `warpgroup_plan`, in panels of 64 columns.
 """
 
 from dataclasses import dataclass

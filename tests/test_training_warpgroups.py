@@ -1,0 +1,88 @@
+"""Training by warpgroups on Hopper: gradients of 64 and 128 neurons a layer, in one pass or several."""
+
+import numpy as np
+import pytest
+import warp as wp
+from networks import error, random_biases
+from trainers import trainer, true_gradient
+
+import warp_neural as wn
+from kernels.coopvec.spec import BFLOAT16, NetworkSpec
+from kernels.losses import l2
+from kernels.training.step import make_gradient_kernel
+from kernels.training.warpgroup_plan import make_warpgroup_plan
+from kernels.training.wide_plan import make_wide_plans
+from warp_neural import activations, encodings
+from warp_neural.training_layout import fragment_order
+
+# width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
+CASES = [
+    (64, 1, 3, 3, "float16", "float16", activations.relu, 100),
+    (64, 2, 64, 16, "float16", "float32", activations.relu, 700),
+    (64, 2, 50, 9, "bfloat16", "float32", activations.relu, 300),
+    (64, 3, 64, 8, "float16", "float16", activations.leaky_relu, 70000),
+    (64, 3, 33, 5, "float16", "float32", activations.linear, 129),
+    (128, 1, 128, 16, "float16", "float32", activations.relu, 500),
+    (128, 2, 64, 3, "float16", "float16", activations.leaky_relu, 130),
+    (128, 2, 100, 7, "bfloat16", "float32", activations.relu, 2000),
+    (128, 3, 128, 16, "float16", "float16", activations.relu, 40000),
+    (128, 3, 5, 1, "float16", "float32", activations.linear, 1),
+]
+
+
+@pytest.mark.parametrize("width, depth, n_in, n_out, precision, accumulation, activation, n", CASES)
+def test_gradient(device, width, depth, n_in, n_out, precision, accumulation, activation, n):
+    if device.is_cpu:
+        pytest.skip("test_trainer_gradients has the CPU's")
+    kind = {"precision": precision, "accumulation": accumulation, "activation": activation, "device": device}
+    net = random_biases(wn.MLP(n_in, n_out, width, depth, seed=3, **kind))
+    run, x, target = trainer(net, n)
+    gradient = run.gradient()[: net.n_parameters]
+    assert error(gradient, true_gradient(net, x, target)) < (4e-2 if precision == "bfloat16" else 1e-2)
+    np.testing.assert_array_equal(gradient, run.gradient()[: net.n_parameters])
+
+
+@pytest.mark.parametrize("width, depth", [(64, 1), (64, 3), (128, 1), (128, 3)])
+@pytest.mark.parametrize("encoding", [encodings.HashGrid(levels=5, log2_size=8), encodings.Frequency(6)])
+def test_gradient_with_an_encoding(device, width, depth, encoding):
+    if device.is_cpu:
+        pytest.skip("test_trainer_gradients has the CPU's")
+    net = random_biases(wn.MLP(2, 3, width, depth, encoding=encoding, device=device, precision="float16"))
+    fused, general = (trainer(net, 1000, fused=fused)[0].gradient() for fused in (None, False))
+    assert error(fused, general) < 5e-3
+    if encoding.n_parameters(2):
+        assert error(fused[net.encoding_start :], general[net.encoding_start :]) < 1e-2
+
+
+def plans_of(spec: NetworkSpec) -> tuple:
+    return make_wide_plans(spec) or (make_warpgroup_plan(spec),)
+
+
+@pytest.mark.parametrize("sizes", [(64, 64, 64, 64, 16), (3, 64, 1), (128, 128, 128, 128, 16), (70, 128, 128, 9)])
+def test_every_parameter_has_one_place_in_one_pass(sizes):
+    spec = NetworkSpec(sizes)
+    plans, layers = plans_of(spec), range(len(sizes) - 1)
+    for plan in plans:
+        order = fragment_order(plan)
+        assert sorted(order[order >= 0]) == list(range(spec.n_parameters))
+        assert plan.words * 4 <= (227 - 15) * 1024 and plan.sums <= 120
+    if sizes[1] == 128:
+        assert sorted(index for plan in plans for index in plan.gradients) == list(layers)
+
+
+vec40 = wp.types.vector(40, float)
+
+
+@wp.func
+def point(index: int, random: wp.uint32):
+    return vec40(wp.randf(random)), wp.vec3(0.25)
+
+
+@pytest.mark.parametrize("width, depth", [(64, 3), (128, 2)])
+def test_compiles_for_hopper(width, depth, tmp_path, monkeypatch):
+    monkeypatch.setattr(wp.config, "cuda_arch_suffix", "a")
+    spec = NetworkSpec((40, *[width] * depth, 3), format=BFLOAT16)
+    for plan in plans_of(spec):
+        kernel = make_gradient_kernel(spec, plan, point, l2)
+        (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / f"{plan.sums}")
+        assert artifact.suffixes == [".sm90a", ".cubin"]
