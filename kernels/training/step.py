@@ -8,7 +8,7 @@ import warp as wp
 from kernels.coopvec.memory import make_load, make_store
 from kernels.coopvec.spec import C_TYPES, NetworkSpec, Parameters
 from kernels.losses import Loss
-from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup, warpgroup_backward, wide
+from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup, warpgroup_backward, wide, wide_backward
 from kernels.training.encoded import row_type
 from kernels.training.general import data_type, make_draw
 from kernels.training.plan import Plan
@@ -46,10 +46,10 @@ def make_texts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool
         return Parts(
             warpgroup.begin(spec, plan),
             wide.forward(spec, plan, x_type is wp.float16),
-            wide.upper_layers(spec, plan),
-            wide.first_layer(spec, plan, input_gradient),
+            wide_backward.upper_layers(spec, plan),
+            wide_backward.first_layer(spec, plan, input_gradient),
             warpgroup_backward.input_gradient(spec, wide.enter(spec, plan), C_TYPES[x_type]),
-            wide.finish(plan),
+            wide_backward.finish(plan),
         )
     return Parts(
         cuda.begin(spec, plan),
