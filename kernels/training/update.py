@@ -12,25 +12,39 @@ from kernels.training.progress import Progress, batch_of, rate_of
 COLUMNS = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
 
 
+def adders(plan: Plan) -> int:
+    """Warps of a block that add up slices: warp w those of blocks w, w + adders, ... More are faster as long as all
+    fit at once."""
+    return 16 if plan.floats < 128 * COLUMNS else 8
+
+
 def update_block(plan: Plan) -> int:
-    """Threads of a block: warp w adds up the slices w, w + warps, ... More are faster as long as all fit at once."""
-    return COLUMNS * (16 if plan.floats < 128 * COLUMNS else 8)
+    """Threads of a block: a warp that updates, and `adders`."""
+    return COLUMNS * (1 + adders(plan))
 
 
-def sum_text(block: int) -> str:
+def sum_text(adders: int) -> str:
+    held = 136 // adders + 1  # loads under way: with up to 136 blocks, all
     return f"""#if defined(__CUDA_ARCH__)
 using real = wp::float32;
-__shared__ real sums[{block}];
-const unsigned warp = threadIdx.x / 32u, lane = threadIdx.x % 32u;
-const wp::int32 blocks = partial.shape[0], slice = partial.shape[1];
+__shared__ real sums[{COLUMNS * adders}];
+const unsigned lane = threadIdx.x % 32u, blocks = partial.shape[0], slice = partial.shape[1];
 real total = 0.0f;
-if (column < slice) {{
-#pragma unroll 9
-    for (wp::int32 b = warp; b < blocks; b += {block // COLUMNS}) total += partial.data[b * slice + column];
+if (threadIdx.x >= 32u) {{
+    for (unsigned from = threadIdx.x / 32u - 1u; from < blocks; from += {adders * held}u) {{
+        real held[{held}];
+#pragma unroll
+        for (unsigned i = 0; i < {held}u; ++i) {{
+            const unsigned b = from + i * {adders}u;
+            held[i] = b < blocks && column < slice ? partial.data[b * slice + column] : 0.0f;
+        }}
+#pragma unroll
+        for (unsigned i = 0; i < {held}u; ++i) total += held[i];
+    }}
+    sums[threadIdx.x - 32u] = total;
 }}
-sums[threadIdx.x] = total;
 __syncthreads();
-if (warp == 0) for (unsigned w = 1; w < {block // COLUMNS}u; ++w) total += sums[w * {COLUMNS} + lane];
+if (threadIdx.x < 32u) for (unsigned w = 0; w < {adders}u; ++w) total += sums[w * {COLUMNS} + lane];
 return total;
 #else
 return 0.0f;
@@ -39,10 +53,10 @@ return 0.0f;
 
 
 @cache
-def make_sum_of_column(block: int) -> wp.Function:
-    """`(partial, column) -> sum over the rows`, to the first warp of a block of `block` threads."""
+def make_sum_of_column(adders: int) -> wp.Function:
+    """`(partial, column) -> sum over the rows`, to the first warp of a block; `adders` more read them."""
 
-    @wp.func_native(sum_text(block))
+    @wp.func_native(sum_text(adders))
     def sum_of_column(partial: wp.array2d[float], column: int) -> float: ...
 
     return sum_of_column
@@ -136,7 +150,7 @@ def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan)
     16-bit elements; ~word for a float32 bias.
     """
     encode, floats, block = make_encode(spec.format), wp.constant(plan.floats), update_block(plan)
-    sum_of_column = make_sum_of_column(block)
+    sum_of_column = make_sum_of_column(adders(plan))
 
     @wp.kernel(module="unique", enable_backward=False)
     def update_kernel(
@@ -151,7 +165,7 @@ def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan)
         thread = wp.tid()
         updates = thread % wp.static(block) < wp.static(COLUMNS)
         column = thread / wp.static(block) * wp.static(COLUMNS) + thread % wp.static(COLUMNS)
-        # what is read depends on one thing read before at most, and comes before the sum, which waits for memory too
+        # while the other warps wait for memory
         i = int(-1)
         place = int(0)
         state = wp.vec3()

@@ -1,4 +1,4 @@
-"""CUDA text of a fused training step for 128 neurons a layer, as `warpgroup_backward`: backward pass and a block's sums."""
+"""CUDA text of a fused training step for 128 neurons a layer: the backward pass, as `warpgroup_backward`, and sums."""
 
 from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec.fragments import unrolled
