@@ -84,14 +84,14 @@ class General(Steps):
         )
 
 
-def plans_of(net: MLP) -> tuple[Plan | WarpgroupPlan | WidePlan, ...]:
+def plans_of(net: MLP) -> list[Plan | WarpgroupPlan | WidePlan]:
     """How blocks of the network's CUDA device train it in one kernel, or several passes; none if they cannot."""
     spec, device = net.spec, net.device
     if device.arch < spec.format.min_arch:
-        return ()
-    plans = make_wide_plans(spec) or (make_warpgroup_plan(spec),) if device.arch == 90 else (None,)
-    plans = plans if plans[0] else (make_plan(spec, device.max_shared_memory_per_block),)
-    return plans if plans[0] else ()
+        return []
+    hopper = [*make_wide_plans(spec), make_warpgroup_plan(spec)] if device.arch == 90 else []
+    plans = [plan for plan in hopper if plan] or [make_plan(spec, device.max_shared_memory_per_block)]
+    return [plan for plan in plans if plan]
 
 
 def load_for(kernel: wp.Kernel, plan: Plan | WarpgroupPlan | WidePlan, device: wp.Device) -> None:
