@@ -51,7 +51,8 @@ class Trainer:
     One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
     of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8. On Hopper one to
     three layers of 128 take as many such kernels, which all draw the same samples. Other networks train through the
-    adjoint of the loss. Two runs with the same seed end alike bit for bit on one device, except, on CUDA, those that add to memory atomically: networks that are not `fused`, and encodings with parameters.
+    adjoint of the loss. Two runs with the same seed end alike bit for bit on one device, except, on CUDA, those that
+    add to memory atomically: networks that are not `fused`, and encodings with parameters.
     """
 
     def __init__(
