@@ -22,7 +22,7 @@ from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
 TILE = 256  # threads of a block of the general kernels
-RESIDENT = 2048  # threads that a multiprocessor holds at once
+RESIDENT = 768  # threads of the update kernel that a multiprocessor holds at once
 
 
 class Steps:
