@@ -84,7 +84,7 @@ def make_crowd(leaf: Leaf, vec_in: type, start: int) -> Crowd:
     width = gcd(n, start, 4)
     values = ", ".join(f"sums[k + {c}]" for c in range(width))
     each = f"for (int k = threadIdx.x * {width}; k < {n}; k += blockDim.x * {width})"
-    clear = f"{each} for (int c = 0; c < {width}; ++c) memory.data.ptr[k + c] = 0.0f;\n__syncthreads();"
+    clear = f"{each} for (int c = 0; c < {width}; ++c) memory.data.ptr[k + c] = 0.0f;\n__syncthreads();\n"
     add = WHOLE.replace("others = true", "others = false") + enter(leaf.inputs, start, 0)
     add += f"real* const grad = memory.data.ptr;\n{ADD_SHARED}{adjoint_text(leaf, start)}"
     flush = f"""using real = wp::float32;
@@ -96,19 +96,16 @@ __syncthreads();
     bool any = false;
     for (int c = 0; c < {width}; ++c) any |= sums[k + c] != 0.0f;
     if (any) add{width if width > 1 else ""}(grad + k, {values});
-}}"""
+}}
+"""
 
-    @wp.func_native(cuda_only(clear))
+    @wp.func_native(clear)
     def clear(memory: memory_of): ...
 
-    @wp.func_native(cuda_only(add))
+    @wp.func_native(add)
     def add(params: Parameters, memory: memory_of, x: vec_in, dy: vec_out): ...
 
-    @wp.func_native(cuda_only(flush))
+    @wp.func_native(flush)
     def flush(params: Parameters, memory: memory_of): ...
 
     return Crowd(clear, add, flush)
-
-
-def cuda_only(text: str) -> str:
-    return f"#if defined(__CUDA_ARCH__)\n{text}\n#endif\n"
