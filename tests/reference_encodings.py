@@ -1,10 +1,13 @@
 """Encodings in float64 NumPy, written for clarity: `[n, n_in]` to `[n, n_out]`, and of trainable ones the gradient."""
 
+from dataclasses import asdict
 from itertools import product
 from math import ceil, factorial
 
 import numpy as np
 from numpy.polynomial import Legendre
+
+from kernels.encodings import Concatenate, Encoding
 
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint64)
 
@@ -97,11 +100,28 @@ def hash_grid(x, parameters, levels, features, log2_size, base_resolution, growt
     results, start = [], 0
     for level in range(levels):
         corners, size = grid_corners(x, level, log2_size, base_resolution, growth)
-        stride = max(features, 8) if size <= 8192 else features  # small tables are spread out, with gaps
-        end = start + size * stride
-        entries = parameters[start:end].reshape(size, stride)[:, :features]
+        end = start + size * features
+        entries = parameters[start:end].reshape(size, features)
         part = None if dy is None else dy[:, level * features : (level + 1) * features]
         result = interpolate(corners, entries, part)
-        results.append(result if dy is None else np.pad(result, ((0, 0), (0, stride - features))).ravel())
+        results.append(result if dy is None else result.ravel())
         start = end
     return np.hstack(results)
+
+
+def expected(encoding: Encoding, x: np.ndarray, parameters: np.ndarray, dy: np.ndarray | None = None) -> np.ndarray:
+    """Values `[n, n_out]`, or with `dy` the gradient of the parameters."""
+    if isinstance(encoding, Concatenate):
+        results, start, first = [], 0, 0
+        for part, indices in encoding.reads(x.shape[1]):
+            n, n_out = part.n_parameters(len(indices)), part.n_out(len(indices))
+            part_dy = None if dy is None else dy[:, first : first + n_out]
+            results.append(expected(part, x[:, indices], parameters[start : start + n], part_dy))
+            start, first = start + n, first + n_out
+        return np.hstack(results)
+    arguments = asdict(encoding)
+    name = "".join("_" + c.lower() if c.isupper() else c for c in type(encoding).__name__)[1:]
+    if arguments.pop("initial", None):
+        result = globals()[name](x, parameters, **arguments, dy=dy)
+        return result if dy is None else result.ravel()
+    return globals()[name](x, **arguments) if dy is None else np.zeros(0)

@@ -12,7 +12,7 @@ from kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make
 from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
 from kernels.losses import l2
 from kernels.optimizers import adam
-from kernels.training.encoded import make_adjoint_row, make_encode_row, make_rows_kernel
+from kernels.training.encoded import make_adjoint_row, make_crowd_kernel, make_encode_row, make_rows_kernel
 from kernels.training.general_update import make_update_kernel
 from kernels.training.plan import make_plan
 from kernels.training.step import make_gradient_kernel
@@ -73,12 +73,15 @@ def test_operations_compile_for_hopper(tmp_path):
     assert artifact.stat().st_size > 0
 
 
+ENCODED = encodings.Concatenate((encodings.Identity(), encodings.LatentTexture(9, 9, 8)))
+
+
 @wp.func
 def corner(index: int, random: wp.uint32):
     return wp.vec2(wp.randf(random), 0.5), wp.vec3(0.25)
 
 
-@pytest.mark.parametrize("encoding", [None, encodings.Frequency(8), encodings.HashGrid(levels=8)])
+@pytest.mark.parametrize("encoding", [None, encodings.Frequency(8), encodings.HashGrid(levels=8), ENCODED])
 def test_training_compiles_for_hopper(encoding, tmp_path):
     spec = NetworkSpec((encoding.n_out(2) if encoding else 2, 64, 64, 3), accumulation="float16")
     encode, trains = encoding and encoding.make(2), encoding and encoding.make_adjoint(2)
@@ -86,8 +89,12 @@ def test_training_compiles_for_hopper(encoding, tmp_path):
     kernels = [make_gradient_kernel(spec, plan, corner, l2, None if trains else encode, trains is not None)]
     kernels.append(make_fused_update_kernel(adam, spec, plan))
     if trains:
-        uses = make_encode_row(encode, spec.sizes[0], spec.format), make_adjoint_row(trains, spec.sizes[0], spec.format)
-        kernels += [make_rows_kernel(corner, use, spec.format) for use in uses]
+        leaf = encoding.leaves(2)[-1]
+        which = leaf, wp.vec2, 4420, spec.format
+        uses = make_encode_row(*which), make_adjoint_row(*which)
+        kernels += [make_rows_kernel(corner, use, leaf, spec.format) for use in uses]
+        if leaf.encoding.crowded(2):
+            kernels.append(make_crowd_kernel(corner, *which))
         kernels.append(make_update_kernel(adam))
     for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)

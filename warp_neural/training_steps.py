@@ -9,8 +9,18 @@ import numpy as np
 import warp as wp
 
 from kernels.coopvec.spec import Parameters
+from kernels.encodings.base import Leaf
 from kernels.losses import Loss
-from kernels.training.encoded import make_adjoint_row, make_encode_row, make_rows_kernel, row_type
+from kernels.training.encoded import (
+    CROWD_TILE,
+    TILE,
+    make_adjoint_row,
+    make_crowd_kernel,
+    make_encode_row,
+    make_rows_kernel,
+    row_type,
+    threads_of,
+)
 from kernels.training.general import collect_kernel, make_loss_kernel, make_sample_kernel
 from kernels.training.general_update import GROUP, make_update_kernel
 from kernels.training.plan import Plan, make_plan
@@ -22,8 +32,7 @@ from kernels.training.wide_plan import WidePlan, make_wide_plans
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
-TILE = 256  # threads of a block of the general kernels
-RESIDENT = 2048  # threads that a multiprocessor holds at once
+RESIDENT = 768  # threads of the update kernel that a multiprocessor holds at once
 
 
 class Steps:
@@ -104,10 +113,42 @@ def load_for(kernel: wp.Kernel, plan: Plan | WarpgroupPlan | WidePlan, device: w
         wp.config.cuda_arch_suffix = before
 
 
+class LeafSteps:
+    """The launches between the inputs and the results of one leaf of an encoding, which lie in `rows`."""
+
+    def __init__(self, leaf: Leaf, net: MLP, sample: wp.Function, rows: wp.array):
+        n_in, shares, item = len(leaf.inputs), leaf.encoding.shares, rows.strides[1]
+        n, format, self.device = leaf.encoding.n_out(n_in) // shares, net.spec.format, rows.device
+        which = leaf, net.vec_in, net.encoding_start + leaf.parameter, format
+        shape, strides = (rows.shape[0], shares, n), (rows.strides[0], n * item, item)
+        first = rows.ptr + leaf.result * item
+        self.rows = wp.array(ptr=first, shape=shape, strides=strides, dtype=rows.dtype, device=rows.device)
+        self.threads = threads_of(leaf, rows.shape[0])
+        self.trains, self.crowded = leaf.encoding.n_parameters(n_in) > 0, leaf.encoding.crowded(n_in) > 0
+        self.encode_kernel = make_rows_kernel(sample, make_encode_row(*which), leaf, format)
+        if self.trains:
+            self.adjoint_kernel = make_rows_kernel(sample, make_adjoint_row(*which), leaf, format)
+        if self.crowded:
+            self.crowd_kernel = make_crowd_kernel(sample, *which)
+
+    def encode(self, inputs: list) -> None:
+        self._launch(self.encode_kernel, self.threads, [*inputs, self.rows], TILE)
+
+    def adjoint(self, inputs: list) -> None:
+        if self.crowded:
+            blocks = self.device.sm_count
+            self._launch(self.crowd_kernel, blocks * CROWD_TILE, [*inputs, blocks, self.rows], CROWD_TILE)
+        if self.trains:
+            self._launch(self.adjoint_kernel, self.threads, [*inputs, self.rows], TILE)
+
+    def _launch(self, kernel: wp.Kernel, dim: int, inputs: list, block_dim: int) -> None:
+        wp.launch(kernel, dim, inputs, device=self.device, block_dim=block_dim, record_tape=False)
+
+
 class FusedCuda(Steps):
     """One kernel for samples, forward, loss and gradients, one for the update of all parameters.
 
-    An encoding with parameters has one kernel before and one after it, and an update of its own.
+    Encodings with parameters have kernels before and after it, and an update of their own.
     """
 
     def __init__(
@@ -116,17 +157,15 @@ class FusedCuda(Steps):
         super().__init__(net, optimizer, progress, options, data)
         plans, device = plans_of(net), net.device
         self.plan = plans[0]  # passes share all that follows
-        adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
-        self.by_rows = adjoint is not None
+        self.by_rows = net.encoding is not None and net.encoding.n_parameters(net.n_in) > 0
         encode = net.encode if net.encoding and not self.by_rows else None
         self.kernels = [make_gradient_kernel(net.spec, plan, sample, loss, encode, self.by_rows) for plan in plans]
         for kernel, plan in zip(self.kernels, plans, strict=True):
             load_for(kernel, plan, device)
-        width, format = net.spec.sizes[0], net.spec.format
-        if self.by_rows:
-            self.encode = make_rows_kernel(sample, make_encode_row(net.encode, width, format), format)
-            self.adjoint = make_rows_kernel(sample, make_adjoint_row(adjoint, width, format), format)
-        self.rows = wp.zeros((batch if self.by_rows else 0, width), dtype=row_type(format), device=device)
+        shape, format = (batch if self.by_rows else 0, net.spec.sizes[0]), net.spec.format
+        self.rows = wp.zeros(shape, dtype=row_type(format), device=device)
+        leaves = net.encoding.leaves(net.n_in) if self.by_rows else []
+        self.leaves = [LeafSteps(leaf, net, sample, self.rows) for leaf in leaves]
         self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, self.plan)
         blocks = min(device.sm_count, -(-batch // samples_of(self.plan)))  # one on each multiprocessor
         self.partial = wp.zeros((blocks, self.plan.slice), dtype=float, device=device)
@@ -135,15 +174,15 @@ class FusedCuda(Steps):
 
     def gradient(self, micro: int) -> None:
         inputs = [self.net.params, self.data, self.progress, micro]
-        if self.by_rows:
-            self._launch(self.encode, self.rows.shape[0], [*inputs, self.rows])
+        for leaf in self.leaves:
+            leaf.encode(inputs)
         threads = self.plan.threads
         for kernel in self.kernels:
             self._launch(kernel, self.partial.shape[0] * threads, [*inputs, self.partial, self.rows], threads)
-        if self.by_rows:
-            self._launch(self.adjoint, self.rows.shape[0], [*inputs, self.rows])
+        for leaf in self.leaves:
+            leaf.adjoint(inputs)
 
-    def _launch(self, kernel: wp.Kernel, dim: int, inputs: list, block_dim: int = TILE) -> None:
+    def _launch(self, kernel: wp.Kernel, dim: int, inputs: list, block_dim: int) -> None:
         wp.launch(kernel, dim, inputs, device=self.net.device, block_dim=block_dim, record_tape=False)
 
     def update(self) -> None:

@@ -2,11 +2,16 @@
 
 The C++ text of an encoding sees these names, each a pointer to floats: `in` [n_in], `out` [n_out] and `p`, its
 trainable parameters; the adjoint's text also `d_out`, `d_in`, to which it adds, and `grad`, of the parameters, or null.
+Constants say what is to be done, `WHOLE` everything: share `share` of `shares` of the results, which `out` or `d_out`
+holds alone, thread `lane` of the `lanes` that do it together (what they set or add is summed); and in the adjoint, if
+`crowded`, parameters that are (see `Encoding.crowded`), and if `others`, the others.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import gcd
+from typing import NamedTuple
 
 import warp as wp
 
@@ -17,6 +22,8 @@ UNROLL = """
 #pragma unroll
 #endif
 """
+
+WHOLE = "constexpr int share = 0, shares = 1, lane = 0, lanes = 1;\nconstexpr bool crowded = true, others = true;\n"
 
 # `add(place, value)`, `add2`, `add4`: to the gradient, at an address aligned to as many floats
 ADD = """
@@ -66,6 +73,24 @@ class Encoding:
         """
         return True
 
+    @property
+    def shares(self) -> int:
+        """Of the results, equal and one after the other, for threads of their own in a CUDA kernel of many samples."""
+        return 1
+
+    @property
+    def lanes(self) -> int:
+        """Threads that take a share together there: 1, 2, 4, ... of a warp, side by side."""
+        return 1
+
+    def crowded(self, n_in: int) -> int:
+        """How many parameters, the first ones, so many samples share that their gradients would queue in memory."""
+        return 0
+
+    def leaves(self, n_in: int) -> list["Leaf"]:
+        """The encodings that it consists of, which can be run one by one."""
+        return [Leaf(self, tuple(range(n_in)), 0, 0)]
+
     def n_out(self, n_in: int) -> int:
         raise NotImplementedError
 
@@ -100,6 +125,15 @@ class Encoding:
         raise NotImplementedError
 
 
+class Leaf(NamedTuple):
+    """An encoding within another: the inputs that it reads, and where its results and its parameters start there."""
+
+    encoding: Encoding
+    inputs: tuple[int, ...]
+    result: int
+    parameter: int
+
+
 @cache
 def make_encode(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.Function:
     """`Encoding.make`."""
@@ -108,9 +142,11 @@ def make_encode(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.F
     forward = f"wp::vec_t<{n_out}, real> y;\nreal* const out = y.c;\n{encoding.forward(n_in, aligned)}return y;\n"
     pointers = "const real* const d_out = adj_ret.c;\nreal* const d_in = adj_x.c;\n"
 
+    begin = WHOLE + enter(range(n_in), offset, stride)
+
     @wp.func_native(
-        enter(offset, stride) + forward,
-        adj_snippet=enter(offset, stride) + ENTER_ADJOINT + pointers + encoding.adjoint(n_in, aligned),
+        begin + forward,
+        adj_snippet=begin + ENTER_ADJOINT + pointers + encoding.adjoint(n_in, aligned),
     )
     def encode(params: Parameters, x: vec_in) -> vec_out: ...
 
@@ -124,16 +160,18 @@ def make_encode_adjoint(encoding: Encoding, n_in: int, offset: int, stride: int)
 
     pointers = f"const real* const d_out = dy.c;\nreal unused[{n_in}] = {{}};\nreal* const d_in = unused;\n"
 
-    @wp.func_native(enter(offset, stride) + ENTER_ADJOINT + pointers + encoding.adjoint(n_in, gcd(offset, stride, 4)))
+    begin = WHOLE + enter(range(n_in), offset, stride) + ENTER_ADJOINT + pointers
+
+    @wp.func_native(begin + encoding.adjoint(n_in, gcd(offset, stride, 4)))
     def encode_adjoint(params: Parameters, x: vec_in, dy: vec_out): ...
 
     return encode_adjoint
 
 
-def enter(offset: int, stride: int) -> str:
+def enter(inputs: Sequence[int], offset: int, stride: int) -> str:
     return f"""using real = wp::float32;
 const wp::int64 start = {offset} + wp::int64(params.network) * {stride};
-const real* const in = x.c;
+const real in[] = {{{", ".join(f"x.c[{i}]" for i in inputs)}}};
 const real* const p = params.master.data + start;
 """
 

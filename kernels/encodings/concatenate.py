@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import gcd
 
-from kernels.encodings.base import Encoding
+from kernels.encodings.base import Encoding, Leaf
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,15 @@ class Concatenate(Encoding):
             if not indices or not all(0 <= i < n_in for i in indices):
                 raise ValueError(f"Concatenate: a part reads inputs {indices} of {n_in}")
         return list(zip(self.parts, self.inputs or [tuple(range(n_in))] * len(self.parts), strict=True))
+
+    def leaves(self, n_in: int) -> list[Leaf]:
+        leaves, first, start = [], 0, 0
+        for part, indices in self.reads(n_in):
+            n = len(indices)
+            for encoding, inputs, result, parameter in part.leaves(n):
+                leaves.append(Leaf(encoding, tuple(indices[i] for i in inputs), first + result, start + parameter))
+            first, start = first + part.n_out(n), start + part.n_parameters(n)
+        return leaves
 
     def forward(self, n_in: int, aligned: int) -> str:
         return self.for_each_part(n_in, aligned, "forward", {"out": "out + {first}"})

@@ -7,7 +7,8 @@ from typing import NamedTuple
 from kernels.coopvec.spec import round_up
 from kernels.encodings.base import UNROLL, Encoding, add_entry, numbers, read_entry, require_positive
 
-SMALL = 1 << 13  # entries of a table: in those up to this each has 32 bytes to itself, as additions to one sector queue
+CROWDED = 1 << 12, 46 << 10  # entries of a table at most, and bytes of all such tables: what shared memory holds
+RESULTS = 8  # of a share, if possible: 16 bytes of float16
 PRIMES = (1, 2654435761, 805459861, 3674653429)
 
 
@@ -15,7 +16,6 @@ class Level(NamedTuple):
     scale: float  # of the input, to vertices
     size: int  # table entries
     start: int  # in floats
-    stride: int  # floats from entry to entry
     hashed: bool
     factors: list[int]  # of the vertex coordinates: their products are added, or if hashed, combined by exclusive or
 
@@ -47,9 +47,27 @@ class HashGrid(Encoding):
             raise ValueError(f"HashGrid: {n_in} inputs; it takes 1 to 4")
         return self.levels * self.features
 
+    @property
+    def shares(self) -> int:
+        n_out = self.levels * self.features
+        return n_out // RESULTS if RESULTS % self.features == 0 and n_out % RESULTS == 0 else 1
+
+    @property
+    def lanes(self) -> int:
+        return 2  # one for each end of the cell along x: they often read one sector
+
+    def crowded(self, n_in: int) -> int:
+        return sum(table.size * self.features for table in self.tables(n_in)[: self.crowded_levels(n_in)])
+
+    def crowded_levels(self, n_in: int) -> int:
+        entries, bytes = CROWDED
+        tables = self.tables(n_in)
+        ends = [table.start + table.size * self.features for table in tables if table.size <= entries]
+        return sum(4 * end <= bytes for end in ends)
+
     def n_parameters(self, n_in: int) -> int:
         last = self.tables(n_in)[-1]
-        return last.start + last.size * last.stride
+        return last.start + last.size * self.features
 
     def tables(self, n_in: int) -> list[Level]:
         tables, start = [], 0
@@ -60,24 +78,28 @@ class HashGrid(Encoding):
             size = min(round_up(vertices, 8), 2**self.log2_size)
             hashed = vertices > size
             factors = list(PRIMES[:n_in]) if hashed else [resolution**axis for axis in range(n_in)]
-            stride = max(self.features, 8) if size <= SMALL else self.features
-            tables.append(Level(scale, size, start, stride, hashed, factors))
-            start += size * stride
+            tables.append(Level(scale, size, start, hashed, factors))
+            start += size * self.features
         return tables
 
     def forward(self, n_in: int, aligned: int) -> str:
-        values = f"out[l * {self.features} + c]"
+        values = f"out[(l - first) * {self.features} + c]"
         return self.for_each_level(
             n_in,
+            "first",
+            "end",
             f"for (int c = 0; c < {self.features}; ++c) {values} = 0.0f;",
             f"""{read_entry(self.features, aligned, "p + at")}
 for (int c = 0; c < {self.features}; ++c) {values} += weight * v[c];""",
         )
 
     def adjoint(self, n_in: int, aligned: int) -> str:
+        crowd = self.crowded_levels(n_in)
         return self.for_each_level(
             n_in,
-            f"const real* const d = d_out + l * {self.features};",
+            f"wp::max(first, crowded ? 0 : {crowd})",
+            f"wp::min(end, others ? {self.levels} : {crowd})",
+            f"const real* const d = d_out + (l - first) * {self.features};",
             f"""{read_entry(self.features, aligned, "p + at")}
 real dot = 0.0f;
 for (int c = 0; c < {self.features}; ++c) dot += d[c] * v[c];
@@ -89,17 +111,20 @@ for (int a = 0; a < {n_in}; ++a) {{
 if (grad) {{ {add_entry(self.features, aligned, "grad + at", "weight", "d")} }}""",
         )
 
-    def for_each_level(self, n_in: int, begin: str, use: str) -> str:
-        """`begin` for each level l, then `use` for each corner of the cell there: of `weight`, its entry from `at`."""
+    def for_each_level(self, n_in: int, low: str, high: str, begin: str, use: str) -> str:
+        """`begin` for each level l of the share, from low to high, then `use` for each corner of the cell there.
+
+        Its weight is `weight`, its entry starts at `at`.
+        """
         tables = self.tables(n_in)
         factors = [str(f) + "u" for table in tables for f in table.factors]
         return f"""const real scale[{self.levels}] = {{{numbers(table.scale for table in tables)}}};
 const wp::uint32 factor[{len(factors)}] = {{{", ".join(factors)}}};
 const wp::uint32 size[{self.levels}] = {{{", ".join(f"{table.size}u" for table in tables)}}};
-const wp::int64 first[{self.levels}] = {{{", ".join(str(table.start) for table in tables)}}};
-const wp::uint32 stride[{self.levels}] = {{{", ".join(f"{table.stride}u" for table in tables)}}};
-const bool hashed[{self.levels}] = {{{", ".join(str(table.hashed).lower() for table in tables)}}};{UNROLL}
-for (int l = 0; l < {self.levels}; ++l) {{
+const wp::int64 start_of[{self.levels}] = {{{", ".join(str(table.start) for table in tables)}}};
+const bool hashed[{self.levels}] = {{{", ".join(str(table.hashed).lower() for table in tables)}}};
+constexpr int first = {self.levels} * share / shares, end = {self.levels} * (share + 1) / shares;{UNROLL}
+for (int l = {low}; l < {high}; ++l) {{
 real share[{n_in}];
 wp::uint32 vertex[{n_in}];
 for (int a = 0; a < {n_in}; ++a) {{
@@ -108,7 +133,8 @@ for (int a = 0; a < {n_in}; ++a) {{
     share[a] = position - whole;
 }}
 {begin}{UNROLL}
-for (int corner = 0; corner < {2**n_in}; ++corner) {{
+for (int k = 0; k < {2**n_in} / lanes; ++k) {{
+const int corner = k * lanes | lane;
 real weight = 1.0f;
 wp::uint32 index = 0u;
 for (int a = 0; a < {n_in}; ++a) {{
@@ -117,7 +143,7 @@ for (int a = 0; a < {n_in}; ++a) {{
     index = hashed[l] ? index ^ term : index + term;
 }}
 index = hashed[l] ? index & (size[l] - 1u) : index < size[l] ? index : index % size[l];
-const wp::int64 at = first[l] + index * stride[l];
+const wp::int64 at = start_of[l] + static_cast<wp::int64>(index) * {self.features};
 {use}
 }}
 }}

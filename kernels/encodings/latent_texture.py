@@ -27,6 +27,10 @@ class LatentTexture(Encoding):
     def sparse(self) -> bool:
         return False  # texels are few; those that a batch has missed learn faster with momentum
 
+    @property
+    def lanes(self) -> int:
+        return 4  # one for each texel
+
     def n_out(self, n_in: int) -> int:
         if n_in != 2:
             raise ValueError(f"LatentTexture: {n_in} inputs; it takes two, u and v")
@@ -52,9 +56,8 @@ if (grad) {{ {add_entry(self.channels, aligned, "grad + at", "wx * wy", "d_out")
         texel = read_entry(self.channels, aligned, "p + at")
         return f"""{self.axis("x", "in[0]", self.width)}{self.axis("y", "in[1]", self.height)}
 #pragma unroll
-for (int j = 0; j < 2; ++j)
-#pragma unroll
-for (int i = 0; i < 2; ++i) {{
+for (int k = 0; k < 4 / lanes; ++k) {{
+const int corner = k * lanes | lane, i = corner & 1, j = corner >> 1;
 const wp::int64 at = (wp::int64(j ? y1 : y0) * {self.width} + (i ? x1 : x0)) * {self.channels};
 const real wx = i ? share_x : 1.0f - share_x, wy = j ? share_y : 1.0f - share_y;
 {texel}{use}
