@@ -32,8 +32,6 @@ from kernels.training.wide_plan import WidePlan, make_wide_plans
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
-RESIDENT = 768  # threads of the update kernel that a multiprocessor holds at once
-
 
 class Steps:
     """The common part: gradients add up in `net.gradient`, from where all parameters are updated."""
@@ -48,8 +46,8 @@ class Steps:
     def update_from(self, first: int, last: bool) -> None:
         """Update the parameters from `first` on from `net.gradient`, which is cleared."""
         net = self.net
-        most = net.device.sm_count * RESIDENT if net.device.is_cuda else 1
-        threads = min(most, -(-(net.master.size - first) // GROUP))
+        groups = -(-(net.master.size - first) // GROUP)
+        threads = -(-groups // TILE) * TILE if net.device.is_cuda else 1
         sparse = net.encoding_start if net.encoding and net.encoding.sparse else net.master.size
         which = [first, sparse, last, threads]
         wp.launch(
@@ -57,6 +55,7 @@ class Steps:
             dim=threads,
             inputs=[self.progress, self.options, *which, net.gradient, net.master],
             device=net.device,
+            block_dim=TILE,
             record_tape=False,
         )
 

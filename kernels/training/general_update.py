@@ -5,44 +5,41 @@ from functools import cache
 import warp as wp
 
 from kernels.training.progress import Progress
-from kernels.training.update import Update, advance, rates_of
+from kernels.training.update import Rates, Update, advance, rates_of
 
 GROUP = 4  # parameters that move through memory together, in 16 bytes
-GROUPS = 2  # that a thread moves at a time: more bytes under way, but more registers, and so fewer threads
-ALL = (1 << GROUPS) - 1
-Groups = wp.types.vector(GROUP * GROUPS, wp.float32)
+vec6 = wp.types.vector(6, float)
 
-
-def for_chosen(whole: str, element: str) -> str:
-    """`whole` moves group k at j on CUDA; `element`, its element c, where the array ends within it and on the CPU."""
-    return f"""using real = wp::float32;
+READ = f"""wp::vec_t<{GROUP}, wp::float32> group;
+const wp::float32* const from = values.data + i;
+if (i + {GROUP} > values.shape[0]) {{
+    for (int c = 0; i + c < values.shape[0]; ++c) group.c[c] = from[c];
+    return group;
+}}
 #if defined(__CUDA_ARCH__)
-const int cut = values.shape[0] & -{GROUP};
-#pragma unroll
-for (int k = 0; k < {GROUPS}; ++k) {{
-    const int j = i + k * step;
-    if ((chosen >> k & 1) && j < cut) {{ {whole} }}
-}}
+const float4 q = *reinterpret_cast<const float4*>(from);
+group.c[0] = q.x; group.c[1] = q.y; group.c[2] = q.z; group.c[3] = q.w;
 #else
-const int cut = 0;
+for (int c = 0; c < {GROUP}; ++c) group.c[c] = from[c];
 #endif
-#pragma unroll
-for (int k = 0; k < {GROUPS}; ++k) {{
-    const int j = i + k * step;
-    if ((chosen >> k & 1) && j >= cut) for (int c = 0; c < {GROUP} && j + c < values.shape[0]; ++c) {{ {element} }}
+return group;
+"""
+
+WRITE = f"""wp::float32* const to = values.data + i;
+if (i + {GROUP} > values.shape[0]) {{
+    for (int c = 0; i + c < values.shape[0]; ++c) to[c] = group.c[c];
+    return;
 }}
+#if defined(__CUDA_ARCH__)
+*reinterpret_cast<float4*>(to) = make_float4(group.c[0], group.c[1], group.c[2], group.c[3]);
+#else
+for (int c = 0; c < {GROUP}; ++c) to[c] = group.c[c];
+#endif
 """
 
 
-PART = f"real* const part = groups.c + k * {GROUP}; "
-LOAD = "const float4 q = *reinterpret_cast<const float4*>(values.data + j); "
-LOAD += "part[0] = q.x; part[1] = q.y; part[2] = q.z; part[3] = q.w;"
-STORE = "*reinterpret_cast<float4*>(values.data + j) = make_float4(part[0], part[1], part[2], part[3]);"
-READ = for_chosen(PART + LOAD, f"groups.c[k * {GROUP} + c] = values.data[j + c];")
-WRITE = for_chosen(PART + STORE, f"values.data[j + c] = groups.c[k * {GROUP} + c];")
-
 SKIP = f"""#if !defined(__CUDA_ARCH__)
-for (; i >= sparse && i + {GROUP} <= values.shape[0]; i += {GROUP}) {{
+for (; i >= passed && i + {GROUP} <= values.shape[0]; i += step) {{
     const wp::uint32* const bits = reinterpret_cast<const wp::uint32*>(values.data + i);
     if (((bits[0] | bits[1] | bits[2] | bits[3]) & 0x7fffffffu) != 0u) break;
 }}
@@ -52,40 +49,72 @@ return i;
 
 
 @wp.func_native(SKIP)
-def skip_zeros(values: wp.array[float], i: int, sparse: int) -> int:
-    """On the CPU, from `sparse` on, the first of the groups from i on that is not zero, or lies at the end.
+def skip_zeros(values: wp.array[float], i: int, step: int, passed: int) -> int:
+    """On the CPU, the first of the groups i, i + step, ... that lies before `passed`, is not zero or lies at the end.
 
     On CUDA i itself: the threads of a warp stay side by side.
     """
     ...
 
 
-@wp.func_native(f"wp::vec_t<{GROUP * GROUPS}, wp::float32> groups;\n{READ}return groups;\n")
-def read_groups(values: wp.array[float], i: int, step: int, chosen: int) -> Groups:
-    """`values[j : j + 4]` for j = i, i + step, ...: those that are chosen, by bits, zeros after the last.
-
-    i and step are multiples of 4.
-    """
+@wp.func_native(READ)
+def read_group(values: wp.array[float], i: int) -> wp.vec4:
+    """`values[i : i + 4]`, zeros after the last; i is a multiple of 4."""
     ...
 
 
 @wp.func_native(WRITE)
-def write_groups(values: wp.array[float], i: int, step: int, chosen: int, groups: Groups): ...
+def write_group(values: wp.array[float], i: int, group: wp.vec4): ...
+
+
+LEADS = """#if defined(__CUDA_ARCH__)
+return threadIdx.x == 0;
+#else
+return true;
+#endif
+"""
+
+FROM_LEADER = """#if defined(__CUDA_ARCH__)
+__shared__ wp::vec_t<6, wp::float32> first;
+if (threadIdx.x == 0) first = values;
+__syncthreads();
+return first;
+#else
+return values;
+#endif
+"""
+
+
+@wp.func_native(LEADS)
+def leads_block() -> bool: ...
+
+
+@wp.func_native(FROM_LEADER)
+def from_leader(values: vec6) -> vec6: ...
 
 
 @wp.func
-def reached_of(g: Groups) -> int:
-    """The groups that are not zero, by bits."""
-    reached = int(0)
-    for e in range(wp.static(GROUP * GROUPS)):
-        if g[e] != 0.0:
-            reached |= 1 << e / wp.static(GROUP)
-    return reached
+def rates_of_block(progress: Progress, options: Update) -> Rates:
+    """`rates_of`, once for all threads of a block, which wait for its first."""
+    values = vec6()
+    if leads_block():
+        rates = rates_of(progress, options)
+        skip = wp.where(rates.skip, 1.0, 0.0)
+        values = vec6(skip, rates.rate, rates.corrections[0], rates.corrections[1], rates.mean, rates.decay)
+    values = from_leader(values)
+    shared = Rates()
+    shared.skip = values[0] > 0.0
+    shared.rate = values[1]
+    shared.corrections = wp.vec2(values[2], values[3])
+    shared.mean = values[4]
+    shared.decay = values[5]
+    return shared
 
 
 @cache
 def make_update_kernel(update: wp.Function) -> wp.Kernel:
-    """From parameter `first`, a multiple of 4, on: gradients lie in `gradient`, which is cleared. dim threads.
+    """From parameter `first`, a multiple of 4, on: gradients lie in `gradient`, which is cleared. dim threads, on CUDA
+    whole blocks.
 
     sparse: the first parameter that rests, and so do its moments, if its gradient is exactly 0 (see `Encoding.sparse`),
     a multiple of 4 or the end. last: of the step.
@@ -103,41 +132,37 @@ def make_update_kernel(update: wp.Function) -> wp.Kernel:
         master: wp.array[float],
     ):
         thread = wp.tid()
-        step = wp.static(GROUP) * threads
         averages = options.average.shape[0] > 0
+        step = wp.static(GROUP) * threads
         passed = wp.where(averages, master.shape[0], sparse)
-        i = skip_zeros(gradient, first + wp.static(GROUP) * thread, passed)
-        following = read_groups(gradient, i, step, ALL)
-        rates = rates_of(progress, options)
+        i = skip_zeros(gradient, first + wp.static(GROUP) * thread, step, passed)
+        g = read_group(gradient, i)
+        rates = rates_of_block(progress, options)
         while i < master.shape[0]:
-            g = following
-            after = skip_zeros(gradient, i + wp.static(GROUPS) * step, passed)
-            following = read_groups(gradient, after, step, ALL)  # early: the others wait for it
-            reached = reached_of(g)
-            moves = reached
-            for k in range(wp.static(GROUPS)):
-                if i + k * step < sparse:
-                    moves |= 1 << k
-            if not rates.skip and (moves > 0 or averages):
-                values = read_groups(master, i, step, wp.where(averages, ALL, moves))
-                m = read_groups(options.first, i, step, moves)
-                v = read_groups(options.second, i, step, moves)
-                for e in range(wp.static(GROUP * GROUPS)):
-                    if i + e / wp.static(GROUP) * step < sparse or g[e] != 0.0:
-                        state = wp.vec3(values[e], m[e], v[e])
-                        state = update(g[e] * rates.mean, state, rates.rate, rates.corrections, options.settings)
-                        values[e] = state[0]
-                        m[e] = state[1]
-                        v[e] = state[2]
-                write_groups(master, i, step, moves, values)
-                write_groups(options.second, i, step, moves, v)
-                write_groups(options.first, i, step, moves, m)  # the same array as `second` for `sgd`
+            reached = not (g == wp.vec4())
+            moves = reached or i < sparse
+            if not rates.skip and (moves or averages):
+                values = read_group(master, i)
+                if moves:
+                    m = read_group(options.first, i)
+                    v = read_group(options.second, i)
+                    for c in range(wp.static(GROUP)):
+                        if i < sparse or g[c] != 0.0:
+                            state = wp.vec3(values[c], m[c], v[c])
+                            state = update(g[c] * rates.mean, state, rates.rate, rates.corrections, options.settings)
+                            values[c] = state[0]
+                            m[c] = state[1]
+                            v[c] = state[2]
+                    write_group(master, i, values)
+                    write_group(options.second, i, v)
+                    write_group(options.first, i, m)  # the same array as `second` for `sgd`
                 if averages:
-                    past = read_groups(options.average, i, step, ALL)
-                    average = rates.decay * past + (1.0 - rates.decay) * values
-                    write_groups(options.average, i, step, ALL, average)
-            write_groups(gradient, i, step, reached, Groups())
-            i = after
+                    past = read_group(options.average, i)
+                    write_group(options.average, i, rates.decay * past + (1.0 - rates.decay) * values)
+            if reached:
+                write_group(gradient, i, wp.vec4())
+            i = skip_zeros(gradient, i + step, step, passed)
+            g = read_group(gradient, i)
         if last and thread == 0:
             advance(progress, options.dynamic)
 

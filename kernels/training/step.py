@@ -196,8 +196,9 @@ def make_gradient_kernel(
             next_x, next_target = draw(progress, step, micro * batch + wp.min(i + stride, batch - 1), data)
             sums = first_layer(memory, sums)
             if wp.static(writes_rows):
+                dx = input_gradient(memory)  # whole warps
                 if inside:
-                    store(rows, i, input_gradient(memory))
+                    store(rows, i, dx)
             x = next_x
             target = next_target
         if thread == 0:
