@@ -17,7 +17,7 @@ from perf.measure import Config
 from warp_neural.cli import resolve_device, run
 
 NAMES = (
-    "inference", "divergence", "fusion", "layout", "precision", "training", "compile", "mipmap", "profile", "cpu",
+    "inference", "training", "divergence", "profile", "fusion", "layout", "precision", "compile", "mipmap", "cpu",
     "samples",
 )  # fmt: skip
 NOT_AHEAD = ("compile", "profile", "cpu", "samples")  # have caches of their own, kernels of others, or none for CUDA
