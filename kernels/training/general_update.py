@@ -4,37 +4,35 @@ from functools import cache
 
 import warp as wp
 
+from kernels.encodings.base import UNROLL
 from kernels.training.progress import Progress
 from kernels.training.update import Rates, Update, advance, rates_of
 
 GROUP = 4  # parameters that move through memory together, in 16 bytes
 vec6 = wp.types.vector(6, float)
 
+# loops of a known length, or the group would lie in memory
 READ = f"""wp::vec_t<{GROUP}, wp::float32> group;
 const wp::float32* const from = values.data + i;
-if (i + {GROUP} > values.shape[0]) {{
-    for (int c = 0; i + c < values.shape[0]; ++c) group.c[c] = from[c];
+#if defined(__CUDA_ARCH__)
+if (i + {GROUP} <= values.shape[0]) {{
+    const float4 q = *reinterpret_cast<const float4*>(from);
+    group.c[0] = q.x; group.c[1] = q.y; group.c[2] = q.z; group.c[3] = q.w;
     return group;
 }}
-#if defined(__CUDA_ARCH__)
-const float4 q = *reinterpret_cast<const float4*>(from);
-group.c[0] = q.x; group.c[1] = q.y; group.c[2] = q.z; group.c[3] = q.w;
-#else
-for (int c = 0; c < {GROUP}; ++c) group.c[c] = from[c];
-#endif
+#endif{UNROLL}
+for (int c = 0; c < {GROUP}; ++c) if (i + c < values.shape[0]) group.c[c] = from[c];
 return group;
 """
 
 WRITE = f"""wp::float32* const to = values.data + i;
-if (i + {GROUP} > values.shape[0]) {{
-    for (int c = 0; i + c < values.shape[0]; ++c) to[c] = group.c[c];
+#if defined(__CUDA_ARCH__)
+if (i + {GROUP} <= values.shape[0]) {{
+    *reinterpret_cast<float4*>(to) = make_float4(group.c[0], group.c[1], group.c[2], group.c[3]);
     return;
 }}
-#if defined(__CUDA_ARCH__)
-*reinterpret_cast<float4*>(to) = make_float4(group.c[0], group.c[1], group.c[2], group.c[3]);
-#else
-for (int c = 0; c < {GROUP}; ++c) to[c] = group.c[c];
-#endif
+#endif{UNROLL}
+for (int c = 0; c < {GROUP}; ++c) if (i + c < values.shape[0]) to[c] = group.c[c];
 """
 
 
