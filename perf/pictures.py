@@ -48,6 +48,31 @@ def line(ax, figures: Iterable[Figure], label: str, **style) -> None:
     ax.fill_between(x, [f.low for f in figures], [f.high for f in figures], color=drawn.get_color(), alpha=0.2)
 
 
+def steps(result: Result):
+    """Of training: the step of each row as a bar, those of other libraries, rows `ROW, LIBRARY`, as points in it."""
+    from matplotlib.figure import Figure as Canvas
+
+    figures = [f for f in result.rows("step") if f.unit == "ms"]
+    rows = [f.row for f in figures if not any(f.row.startswith(f"{other.row}, ") for other in figures)]
+    canvas = Canvas(figsize=(9, 1.5 + 0.22 * len(rows)), layout="constrained")
+    ax = canvas.subplots()
+    ours = [f for f in figures if f.row in rows]
+    ax.barh([f.row for f in ours], [f.value for f in ours], color="C0", alpha=0.7, label="Warp Neural")
+    others = {}
+    for f in figures:
+        for row in rows:
+            if f.row.startswith(f"{row}, "):
+                name = f.row.removeprefix(f"{row}, ") + " (recorded)" * f.recorded
+                others.setdefault(name, []).append((f.value, row))
+    for i, (name, points) in enumerate(others.items()):
+        ax.plot(*zip(*points, strict=True), "oDs^vP*X"[i % 8], color=f"C{i + 1}", label=name)
+    ax.set(title=f"One training step\n{result.machine['device']}", xlabel="ms", xscale="log")
+    ax.invert_yaxis()
+    ax.grid(axis="x", which="both", alpha=0.3)
+    ax.legend(fontsize=8)
+    return canvas
+
+
 def shares(result: Result):
     """Of a profile: the instructions of each kernel by kind, and what the counters say in percent, where they are."""
     from matplotlib.figure import Figure as Canvas

@@ -3,9 +3,11 @@
 Of every kernel: registers a thread; bytes of stack, for spilled registers and arrays (a network's are of the path for
 warps with missing lanes); bytes of shared memory a block; warps of a multiprocessor at once, of 64. The instructions
 of its program by kind, each counted once, all paths together; that takes `cuobjdump`. By Nsight Compute, where `ncu`
-is and may read counters: the time of a launch, percent of what tensor pipe, issue slots, L1 with shared memory, L2 and
-DRAM can do, and bytes of DRAM a second. Rows of `perf.inference` and `perf.training`: `network` with inputs made in the
-kernel, `memory` with float16 rows, `train` with the kernels of a step of 2^18 samples.
+is and may read counters: the time of a launch, percent of what tensor pipe (instructions begun, of which a `wgmma` is
+one for 64 rows), issue slots, L1 with shared memory, L2 and DRAM can do, and bytes of DRAM a second.
+
+Rows of `perf.inference` and `perf.training`: `network` with inputs made in the kernel, `memory` with float16 rows,
+`train` with the kernels of a step of 2^18 samples.
 """
 
 import subprocess

@@ -20,7 +20,7 @@ from kernels.coopvec.rows import make_evaluate_kernel
 from perf import peers_cuda
 from perf.measure import Bench, Config, check
 from perf.networks import make_net, shape_name, true_gradient
-from perf.pictures import bars
+from perf.pictures import steps
 from samples.hardware_acceleration import texture
 from samples.network import step_02_multiple_layers, step_04_frequency_encoding
 from warp_neural import MLP, Trainer, encodings
@@ -211,7 +211,7 @@ def main(config: TrainingConfig) -> dict:
     for row, whose, value in OTHERS:
         if bench.result.find(row, "step"):
             bench.recorded(f"{row}, {whose}", "step", value, "ms")
-    return bench.finish(lambda result: bars(result, "One training step", "ms"))
+    return bench.finish(steps)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from perf import (
     mipmap,
     peak,
     peers,
+    pictures,
     precision,
     report,
     samples,
@@ -180,3 +181,15 @@ def test_goals_by_unit_and_multiple():
     relative = replace(goal, limit=2, most=True, of=("b", "x"))
     assert relative.judge({"layout": result}) == ("2.5", "at most 2 of b", "**missed** (+25%)")
     assert relative.judge({})[0] == "not measured here"
+
+
+def test_picture_of_steps():
+    """A bar for each row, and other libraries' steps as points in the rows that they belong to."""
+    result = Result("training", {"device": "device"}, {})
+    for row, value in (("2x32, 64", 1.0), ("3x64, 64", 2.0), ("3x64, 64, PyTorch eager", 5.0)):
+        result.figures.append(Figure(row, "step", value, value, value, "ms"))
+    result.figures.append(Figure("2x32, 64, tiny-cuda-nn", "step", 3.0, 3.0, 3.0, "ms", recorded=True))
+    (ax,) = pictures.steps(result).axes
+    assert [bar.get_width() for bar in ax.patches] == [1.0, 2.0]
+    points = {drawn.get_label(): drawn.get_xydata().tolist() for drawn in ax.lines}
+    assert points == {"PyTorch eager": [[5.0, 1.0]], "tiny-cuda-nn (recorded)": [[3.0, 0.0]]}
