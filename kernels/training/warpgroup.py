@@ -130,28 +130,14 @@ def bias_value(spec: NetworkSpec, layout: LayerLayout) -> str:
 
 def forward(spec: NetworkSpec, plan: WarpgroupPlan, halves: bool) -> str:
     """`(params, memory, x) -> z`, the last layer's pre-activations; keeps each layer's input. halves: x is float16."""
-    n_in, n_out, final = spec.sizes[0], spec.sizes[-1], plan.layers[-1].layout
-    k_pad, depth = plan.layers[0].layout.k_pad, len(plan.layers) - 1
-    inputs = ""
-    for u in range(k_pad // 8):
-        words = ", ".join(input_word(n_in, 8 * u + 2 * t, halves and spec.format is FLOAT16) for t in range(4))
-        inputs += f"save_unit(unit(0, {u}), {words});\n"
+    final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
+    inputs = save_inputs(spec, plan, halves)
     if k_pad < WIDTH:  # the column of ones; beyond 64 columns it lies elsewhere
         inputs += f"save_unit(unit(0, {k_pad // 8}), {', '.join([ones_of(spec)] * 4)});\n"
     layers = "".join(activate(spec, plan, index) for index in range(depth))
-    results = "".join(
-        f"{{ unsigned v[4]; load_unit(unit({plan.spare}, {n // 4}), v);\n"
-        + "".join(f"result.c[{i}] = __uint_as_float(v[{i % 4}]);\n" for i in range(n, min(n + 4, n_out)))
-        + "}\n"
-        for n in range(0, n_out, 4)
-    )
     return unrolled(f"""{enter(spec, plan)}
 {wgmma("multiply_hidden", spec, WIDTH, True, False)}{wgmma("multiply_last", spec, final.n_pad, True, False)}
-auto read_biases = [&](int layer, int j) {{ float2 v;  // of neurons 8 j + 2 t and the next
-    asm volatile("ld.shared.v2.f32 {{%0,%1}},[%2];" : "=f"(v.x), "=f"(v.y)
-        : "r"(weights + {plan.biases} + {4 * WIDTH} * layer + 32 * j + 8 * t));
-    return v; }};
-{inputs}__syncwarp();
+{read_biases(plan, WIDTH)}{inputs}__syncwarp();
 unsigned a[2][{WIDTH // 16}][4];
 real d[2][{WIDTH // 2}], z[2][{final.n_pad // 2}];
 for (int m = 0; m < 2; ++m) for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, m, b), a[m][b]);
@@ -159,17 +145,47 @@ for (int m = 0; m < 2; ++m) {{ {products(plan, 0)} }}
 {layers}
 for (int m = 0; m < 2; ++m) {{
 if (m == 0) {{ {wait(1, "z[0]")} }} else {{ {wait(0, "z[1]")} }}
-for (int j = 0; j < {final.n_pad // 8}; ++j) {{
-    const float2 bias = read_biases({depth}, j);
+{save_results(plan, "z[m]", "m * 64 + ")}}}
+{read_results(plan)}""")
+
+
+def save_inputs(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan, halves: bool) -> str:
+    """This thread's x, to its row of the first slot."""
+    text = ""
+    for u in range(plan.layers[0].layout.k_pad // 8):
+        words = (input_word(spec.sizes[0], 8 * u + 2 * t, halves and spec.format is FLOAT16) for t in range(4))
+        text += f"save_unit(unit(0, {u}), {', '.join(words)});\n"
+    return text
+
+
+def read_biases(plan: WarpgroupPlan | WidePlan, width: int) -> str:
+    return f"""auto read_biases = [&](int layer, int j) {{ float2 v;  // of neurons 8 j + 2 t and the next
+    asm volatile("ld.shared.v2.f32 {{%0,%1}},[%2];" : "=f"(v.x), "=f"(v.y)
+        : "r"(weights + {plan.biases} + {4 * width} * layer + 32 * j + 8 * t));
+    return v; }};
+"""
+
+
+def save_results(plan: WarpgroupPlan | WidePlan, z: str, tile: str) -> str:
+    """A tile's accumulators `z` of the last layer, and its biases, to the spare slot; `tile` begins its first row."""
+    return f"""for (int j = 0; j < {plan.layers[-1].layout.n_pad // 8}; ++j) {{
+    const float2 bias = read_biases({len(plan.layers) - 1}, j);
     const unsigned swizzled = area + {plan.spare} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8;
     for (int h = 0; h < 2; ++h) asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
-        :: "r"(swizzled + (m * 64 + first + g + 8 * h) * {ROW}), "f"(z[m][4 * j + 2 * h] + bias.x),
-           "f"(z[m][4 * j + 2 * h + 1] + bias.y) : "memory");
-}} }}
-__syncwarp();
-wp::vec_t<{n_out}, real> result;
-{results}return result;
-""")
+        :: "r"(swizzled + ({tile}first + g + 8 * h) * {ROW}), "f"({z}[4 * j + 2 * h] + bias.x),
+           "f"({z}[4 * j + 2 * h + 1] + bias.y) : "memory");
+}}
+"""
+
+
+def read_results(plan: WarpgroupPlan | WidePlan) -> str:
+    """`return` those of this thread's sample."""
+    n_out = plan.layers[-1].layout.n
+    text = f"__syncwarp();\nwp::vec_t<{n_out}, real> result;\n"
+    for n in range(0, n_out, 4):
+        text += f"{{ unsigned v[4]; load_unit(unit({plan.spare}, {n // 4}), v);\n"
+        text += "".join(f"result.c[{i}] = __uint_as_float(v[{i % 4}]);\n" for i in range(n, min(n + 4, n_out))) + "}\n"
+    return text + "__syncwarp();\nreturn result;\n"
 
 
 def input_word(n_in: int, k: int, halves: bool) -> str:

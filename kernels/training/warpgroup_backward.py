@@ -10,6 +10,7 @@ from kernels.coopvec.fragments import unrolled
 from kernels.coopvec.spec import NetworkSpec
 from kernels.training.warpgroup import enter, wait, wgmma
 from kernels.training.warpgroup_plan import LAST_ROW, MAX_OUT, ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
+from kernels.training.wide_plan import WidePlan
 
 
 def upper_layers(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
@@ -158,10 +159,9 @@ def finish(plan: WarpgroupPlan) -> str:
     """As `cuda_finish.finish`. Each warpgroup adds up half of the weights' registers of both."""
     registers = [(layer.sums + r, layer.first + SAMPLES * r) for layer in plan.layers for r in range(layer.registers)]
     half, base = len(registers) // 2, len(registers) * SAMPLES
-    n_out, final = plan.layers[-1].layout.n, plan.layers[-1]
-    biases = [layer.bias_sums + r for layer in plan.layers[:-1] for r in (0, 2)] + [final.bias_sums]
-    checked = [f"sums.c[{sum}] * 0.0f" for sum in [sum for sum, _ in registers] + biases]
-    checks = " + ".join(f"({' + '.join(checked[i::8])})" for i in range(8))
+    final = plan.layers[-1]
+    checked = [sum for sum, _ in registers] + [final.bias_sums]
+    checked += [layer.bias_sums + r for layer in plan.layers[:-1] for r in (0, 2)]
     leave = put = ""
     for i, (sum, first) in enumerate(registers):
         leave += f"if (group == {int(i < half)}u) total[{i * SAMPLES} + place] = sums.c[{sum}];\n"
@@ -173,22 +173,40 @@ def finish(plan: WarpgroupPlan) -> str:
         value = f"total[{base} + place] + total[{base + WIDTH} + place]"
         put += f"if (threadIdx.x < {WIDTH}u) put({layer.bias_first} + place, {value});\n"
         base += 2 * WIDTH
-    return unrolled(f"""using real = wp::float32;
+    return unrolled(f"""{enter_finish(plan, checked)}__syncthreads();
+{leave}{leave_last(plan, base, final.bias_sums)}__syncthreads();
+{put}{put_last(plan, base)}""")
+
+
+def enter_finish(plan: WarpgroupPlan | WidePlan, checked: list[int]) -> str:
+    """Names, `put(i, v)` for what a block leaves, and a check of sums that all have to be finite."""
+    values = [f"sums.c[{i}] * 0.0f" for i in checked]
+    checks = " + ".join(f"({' + '.join(values[i::8] or ['0.0f'])})" for i in range(8))
+    return f"""using real = wp::float32;
 const unsigned lane = threadIdx.x & 31u, g = lane >> 2, t = lane & 3u, warp = threadIdx.x >> 5;
 const unsigned group = warp >> 2, place = threadIdx.x & 127u;
 real* const total = reinterpret_cast<real*>(memory.data.ptr);
 real* const mine = partial.data + static_cast<size_t>(blockIdx.x) * {plan.slice};
 auto put = [&](unsigned i, real v) {{ mine[i] = add ? mine[i] + v : v; }};
-real all = loss;
-for (int bit = 16; bit > 1; bit /= 2) all += __shfl_xor_sync(0xffffffffu, all, bit);
 if (!(loss * 0.0f + {checks} == 0.0f)) flags.data[parity] = 1;
-__syncthreads();
-{leave}if (lane / 2u < {n_out}u) total[{base} + lane / 2u * 16u + 2u * warp + lane % 2u] = sums.c[{final.bias_sums}];
+"""
+
+
+def leave_last(plan: WarpgroupPlan | WidePlan, base: int, bias_sums: int) -> str:
+    """To shared memory: of each of the last layer's biases, as `start` dealt them, and of losses, two floats a warp."""
+    n_out = plan.layers[-1].layout.n
+    return f"""real all = loss;
+for (int bit = 16; bit > 1; bit /= 2) all += __shfl_xor_sync(0xffffffffu, all, bit);
+if (lane / 2u < {n_out}u) total[{base} + lane / 2u * 16u + 2u * warp + lane % 2u] = sums.c[{bias_sums}];
 if (lane < 2u) total[{base + 16 * n_out} + 2u * warp + lane] = all;
-__syncthreads();
-{put}if (threadIdx.x <= {n_out}u) {{
+"""
+
+
+def put_last(plan: WarpgroupPlan | WidePlan, base: int) -> str:
+    final = plan.layers[-1]
+    return f"""if (threadIdx.x <= {final.layout.n}u) {{
     all = 0.0f;
     for (int i = 0; i < 16; ++i) all += total[{base} + threadIdx.x * 16u + i];
-    put(threadIdx.x < {n_out}u ? {final.bias_first} + threadIdx.x : {plan.floats}u, all);
+    put(threadIdx.x < {final.layout.n}u ? {final.bias_first} + threadIdx.x : {plan.floats}u, all);
 }}
-""")
+"""

@@ -51,8 +51,30 @@ class WarpgroupLayer:
         return self.first + self.registers * SAMPLES
 
 
+class HopperPlan:
+    """What plans for warpgroups have in common, from `areas`, `area` and `floats`."""
+
+    lanes = 32  # of a warp, that have a sample
+    reaches_input = True  # whether the gradient of the first layer is among those that a launch computes
+    threads = GROUPS * 128
+
+    @property
+    def ones(self) -> int:
+        return self.areas + GROUPS * self.area
+
+    @property
+    def words(self) -> int:
+        """Shared memory of a block."""
+        return (1024 + self.ones + 16 * ROW) // 4
+
+    @property
+    def slice(self) -> int:
+        """Floats that a block leaves: its gradient and, at `floats`, its loss."""
+        return self.floats + 4
+
+
 @dataclass(frozen=True)
-class WarpgroupPlan:
+class WarpgroupPlan(HopperPlan):
     """Offsets in bytes from the first multiple of 1024 in shared memory: all weights, biases as float32, each
     warpgroup's area, ones. sums: registers. floats: of a block's gradient."""
 
@@ -83,27 +105,6 @@ class WarpgroupPlan:
         """In an area: where dz of layer `index` lies. Once it is known, the slot is not needed for anything else."""
         after = len(self.layers) - 1 - index
         return (self.last_dz, self.spare, (index + 2) * SLOT)[min(after, 2)]
-
-    @property
-    def ones(self) -> int:
-        return self.areas + GROUPS * self.area
-
-    @property
-    def words(self) -> int:
-        """Shared memory of a block."""
-        return (1024 + self.ones + 16 * ROW) // 4
-
-    @property
-    def threads(self) -> int:
-        return GROUPS * SAMPLES
-
-    lanes = 32  # of a warp, that have a sample
-    reaches_input = True
-
-    @property
-    def slice(self) -> int:
-        """Floats that a block leaves: its gradient and, at `floats`, its loss."""
-        return self.floats + 4
 
 
 def make_warpgroup_plan(spec: NetworkSpec) -> WarpgroupPlan | None:

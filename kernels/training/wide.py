@@ -6,9 +6,17 @@ A tile is 64 samples, of which each warp has 16 rows and as many of its lanes th
 from kernels.activations import linear, relu
 from kernels.coopvec import primitives
 from kernels.coopvec.fragments import unrolled
-from kernels.coopvec.spec import FLOAT16, NetworkSpec
+from kernels.coopvec.spec import NetworkSpec
 from kernels.training.cuda import MEMORY, slopes
-from kernels.training.warpgroup import PRODUCTS, input_word, wait, wgmma
+from kernels.training.warpgroup import (
+    PRODUCTS,
+    read_biases,
+    read_results,
+    save_inputs,
+    save_results,
+    wait,
+    wgmma,
+)
 from kernels.training.warpgroup_plan import ROW
 from kernels.training.wide_plan import MASKS, PANEL, WIDTH, WideLayer, WidePlan
 
@@ -32,27 +40,12 @@ auto matrices = [&](unsigned slot, int b) {{ return area + slot + b / 4 * {PANEL
 
 def forward(spec: NetworkSpec, plan: WidePlan, halves: bool) -> str:
     """As `warpgroup.forward`."""
-    n_in, n_out, final = spec.sizes[0], spec.sizes[-1], plan.layers[-1].layout
-    k_pad, depth = plan.layers[0].layout.k_pad, len(plan.layers) - 1
-    inputs = ""
-    for u in range(k_pad // 8):
-        words = ", ".join(input_word(n_in, 8 * u + 2 * t, halves and spec.format is FLOAT16) for t in range(4))
-        inputs += f"save_unit(unit(0, {u}), {words});\n"
+    final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
     layers = "".join(forward_layer(spec, plan, index) for index in range(depth))
-    results = "".join(
-        f"{{ unsigned v[4]; load_unit(unit({plan.spare}, {n // 4}), v);\n"
-        + "".join(f"result.c[{i}] = __uint_as_float(v[{i % 4}]);\n" for i in range(n, min(n + 4, n_out)))
-        + "}\n"
-        for n in range(0, n_out, 4)
-    )
     return unrolled(f"""{enter(spec, plan)}
 {wgmma("multiply_hidden", spec, 64, True, False)}{wgmma("multiply_last", spec, final.n_pad, True, False)}
-auto read_biases = [&](int layer, int j) {{ float2 v;  // of neurons 8 j + 2 t and the next
-    asm volatile("ld.shared.v2.f32 {{%0,%1}},[%2];" : "=f"(v.x), "=f"(v.y)
-        : "r"(weights + {plan.biases} + {4 * WIDTH} * layer + 32 * j + 8 * t));
-    return v; }};
-if (lane < 16u) {{
-{inputs}}}
+{read_biases(plan, WIDTH)}if (lane < 16u) {{
+{save_inputs(spec, plan, halves)}}}
 __syncwarp();
 unsigned a[{BLOCKS}][4];
 for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, b), a[b]);
@@ -62,18 +55,7 @@ begin_products();
 for (int b = 0; b < {BLOCKS}; ++b) {{ const int half = 0; multiply_last(z, a[b], {weight_tile(plan.layers[-1])}, b); }}
 commit();
 {wait(0, "z")}
-for (int j = 0; j < {final.n_pad // 8}; ++j) {{
-    const float2 bias = read_biases({depth}, j);
-    const unsigned swizzled = area + {plan.spare} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8;
-    for (int h = 0; h < 2; ++h) asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
-        :: "r"(swizzled + (first + g + 8 * h) * {ROW}), "f"(z[4 * j + 2 * h] + bias.x),
-           "f"(z[4 * j + 2 * h + 1] + bias.y) : "memory");
-}}
-__syncwarp();
-wp::vec_t<{n_out}, real> result;
-{results}__syncwarp();
-return result;
-""")
+{save_results(plan, "z", "")}{read_results(plan)}""")
 
 
 def forward_layer(spec: NetworkSpec, plan: WidePlan, index: int) -> str:

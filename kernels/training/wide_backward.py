@@ -4,7 +4,7 @@ from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec.fragments import unrolled
 from kernels.coopvec.spec import NetworkSpec
 from kernels.training.warpgroup import wait, wgmma
-from kernels.training.warpgroup_backward import start
+from kernels.training.warpgroup_backward import enter_finish, leave_last, put_last, start
 from kernels.training.warpgroup_plan import GROUPS, LAST_ROW, ROW
 from kernels.training.wide import BLOCKS, enter
 from kernels.training.wide_plan import MASKS, PANEL, SAMPLES, WidePlan
@@ -126,31 +126,11 @@ def finish(plan: WidePlan) -> str:
         for r in range(layer.registers):
             text += f"put({layer.first} + (group * {layer.registers}u + {r}u) * 128u + place, sums.c[{sums + r}]);\n"
         biases = [sums + layer.registers + r for r in ((0,) if layer.last else (0, 2))]
-        checked += [f"sums.c[{i}] * 0.0f" for i in [*range(sums, sums + layer.registers), *biases]]
+        checked += [*range(sums, sums + layer.registers), *biases]
         for h, i in enumerate(biases if not layer.last else ()):
             row = f"group * 64u + place / 32u * 16u + g + {8 * h}"
             text += f"if (t == 0u) put({layer.bias_first} + {row}, sums.c[{i}]);\n"
-    checks = " + ".join(f"({' + '.join(checked[i::8] or ['0.0f'])})" for i in range(8))
-    n_out = final.layout.n
     if plan.layers[plan.high].last:
-        bias = f"sums.c[{plan.first_sum(plan.high) + final.registers}]"
-        text += f"""__syncthreads();
-if (lane / 2u < {n_out}u) total[lane / 2u * 16u + 2u * warp + lane % 2u] = {bias};
-if (lane < 2u) total[{16 * n_out} + 2u * warp + lane] = all;
-__syncthreads();
-if (threadIdx.x <= {n_out}u) {{
-    all = 0.0f;
-    for (int i = 0; i < 16; ++i) all += total[threadIdx.x * 16u + i];
-    put(threadIdx.x < {n_out}u ? {final.bias_first} + threadIdx.x : {plan.floats}u, all);
-}}
-"""
-    return unrolled(f"""using real = wp::float32;
-const unsigned lane = threadIdx.x & 31u, g = lane >> 2, t = lane & 3u, warp = threadIdx.x >> 5;
-const unsigned group = warp >> 2, place = threadIdx.x & 127u;
-real* const total = reinterpret_cast<real*>(memory.data.ptr);
-real* const mine = partial.data + static_cast<size_t>(blockIdx.x) * {plan.slice};
-auto put = [&](unsigned i, real v) {{ mine[i] = add ? mine[i] + v : v; }};
-real all = loss;
-for (int bit = 16; bit > 1; bit /= 2) all += __shfl_xor_sync(0xffffffffu, all, bit);
-if (!(loss * 0.0f + {checks} == 0.0f)) flags.data[parity] = 1;
-{text}""")
+        bias_sums = plan.first_sum(plan.high) + final.registers
+        text += f"__syncthreads();\n{leave_last(plan, 0, bias_sums)}__syncthreads();\n{put_last(plan, 0)}"
+    return unrolled(enter_finish(plan, checked) + text)

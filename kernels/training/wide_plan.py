@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.coopvec.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
-from kernels.training.warpgroup_plan import GROUPS, LAST_ROW, MAX_OUT, ROW
+from kernels.training.warpgroup_plan import GROUPS, LAST_ROW, MAX_OUT, ROW, HopperPlan
 
 WIDTH = 128
 SAMPLES = 64  # of a warpgroup and round
@@ -55,8 +55,10 @@ class WideLayer:
 
 
 @dataclass(frozen=True)
-class WidePlan:
+class WidePlan(HopperPlan):
     """The pass that computes the gradients of layers `low` to `high`. Offsets in bytes as in `WarpgroupPlan`."""
+
+    lanes = 16
 
     layers: tuple[WideLayer, ...]
     low: int
@@ -107,26 +109,8 @@ class WidePlan:
         return self.masks + (len(self.layers) - 1) * MASKS
 
     @property
-    def ones(self) -> int:
-        return self.areas + GROUPS * self.area
-
-    @property
-    def words(self) -> int:
-        return (1024 + self.ones + 16 * ROW) // 4
-
-    @property
-    def threads(self) -> int:
-        return GROUPS * 128
-
-    lanes = 16  # of a warp, that have a sample
-
-    @property
     def reaches_input(self) -> bool:
         return self.low == 0
-
-    @property
-    def slice(self) -> int:
-        return self.floats + 4
 
 
 def make_wide_plans(spec: NetworkSpec) -> tuple[WidePlan, ...]:
