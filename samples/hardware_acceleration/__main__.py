@@ -19,8 +19,8 @@ ends within 1e-6 of the same results; the texture 183 (per thread), 11.6 (unfuse
 After 2,000 steps float32 and float16 are both at 23.90 dB.
 
 On an H200 the small network takes 0.44 (per thread), 0.16 (tiled) and 0.02 ms a step (cooperative), and ends within
-0.001 of the same results; the texture 8.5 (per thread), 0.26 (unfused), 8.1 (float32) and 0.16 ms (float16). After 1,803
-steps float32 and float16 are both at 28.01 dB.
+0.001 of the same results; the texture 8.5 (per thread), 0.26 (unfused), 8.1 (float32) and 0.16 ms (float16). After
+1,803 steps float32 and float16 are both at 28.01 dB.
 """
 
 import json
