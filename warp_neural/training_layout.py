@@ -5,11 +5,12 @@ import numpy as np
 from kernels.coopvec.layout import bias_is_half, network_layout
 from kernels.coopvec.spec import NetworkSpec
 from kernels.training.plan import Plan
+from kernels.training.step import FusedPlan
 from kernels.training.warpgroup_plan import WarpgroupPlan
 from kernels.training.wide_plan import WidePlan
 
 
-def fragment_order(plan: Plan) -> np.ndarray:
+def fragment_order(plan: FusedPlan) -> np.ndarray:
     """Of each float of a block's gradient, the index of its parameter in `MLP.master`; -1 for padding. [plan.floats]"""
     if not isinstance(plan, Plan):
         return warpgroup_order(plan)

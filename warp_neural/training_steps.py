@@ -25,10 +25,10 @@ from kernels.training.general import collect_kernel, make_loss_kernel, make_samp
 from kernels.training.general_update import GROUP, make_update_kernel
 from kernels.training.plan import Plan, make_plan
 from kernels.training.progress import Progress
-from kernels.training.step import make_gradient_kernel, samples_of
+from kernels.training.step import FusedPlan, make_gradient_kernel, samples_of
 from kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
-from kernels.training.warpgroup_plan import WarpgroupPlan, make_warpgroup_plan
-from kernels.training.wide_plan import WidePlan, make_wide_plans
+from kernels.training.warpgroup_plan import make_warpgroup_plan
+from kernels.training.wide_plan import make_wide_plans
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
@@ -46,8 +46,7 @@ class Steps:
     def update_from(self, first: int, last: bool) -> None:
         """Update the parameters from `first` on from `net.gradient`, which is cleared."""
         net = self.net
-        groups = -(-(net.master.size - first) // GROUP)
-        threads = -(-groups // TILE) * TILE if net.device.is_cuda else 1
+        threads = -(-(net.master.size - first) // GROUP) if net.device.is_cuda else 1
         sparse = net.encoding_start if net.encoding and net.encoding.sparse else net.master.size
         which = [first, sparse, last, threads]
         wp.launch(
@@ -55,7 +54,6 @@ class Steps:
             dim=threads,
             inputs=[self.progress, self.options, *which, net.gradient, net.master],
             device=net.device,
-            block_dim=TILE,
             record_tape=False,
         )
 
@@ -92,7 +90,7 @@ class General(Steps):
         )
 
 
-def plans_of(net: MLP) -> list[Plan | WarpgroupPlan | WidePlan]:
+def plans_of(net: MLP) -> list[FusedPlan]:
     """How blocks of the network's CUDA device train it in one kernel, or several passes; none if they cannot."""
     spec, device = net.spec, net.device
     if device.arch < spec.format.min_arch:
@@ -102,7 +100,7 @@ def plans_of(net: MLP) -> list[Plan | WarpgroupPlan | WidePlan]:
     return [plan for plan in plans if plan]
 
 
-def load_for(kernel: wp.Kernel, plan: Plan | WarpgroupPlan | WidePlan, device: wp.Device) -> None:
+def load_for(kernel: wp.Kernel, plan: FusedPlan, device: wp.Device) -> None:
     """Compile and load the fused kernel. `wgmma` only exists in code for exactly one architecture, sm_90a."""
     before = wp.config.cuda_arch_suffix
     wp.config.cuda_arch_suffix = before if isinstance(plan, Plan) else "a"

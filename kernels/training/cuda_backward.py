@@ -5,6 +5,8 @@ the areas of all warps; each warp multiplies its own by the weights for the laye
 inputs for its own tasks of the weights' gradient (see `plan`), which it keeps in registers.
 """
 
+from collections.abc import Callable
+
 from kernels.activations import linear, relu
 from kernels.coopvec.fragments import unrolled
 from kernels.coopvec.spec import C_TYPES, NetworkSpec
@@ -133,11 +135,17 @@ for (int i = 0; i < {2 * samples}; ++i) {{
 
 def input_gradient(spec: NetworkSpec, plan: Plan, dtype: type) -> str:
     """`(memory) -> dx`, a vector of `dtype`, of this thread's sample, as `first_layer` left it."""
-    n_in, blocks = spec.sizes[0], plan.layers[0].k_blocks
-    text = f"{enter(spec, plan)}wp::vec_t<{n_in}, {C_TYPES[dtype]}> dx;\n"
+    blocks = plan.layers[0].k_blocks
+    take = take_dx(spec.sizes[0], dtype, lambda u: f"own_unit(area + {4 * plan.dx}, {blocks}, {u})")
+    return unrolled(f"{enter(spec, plan)}{take}return dx;\n")
+
+
+def take_dx(n_in: int, dtype: type, address: Callable[[int], str]) -> str:
+    """`dx`, from 16-byte units of 8 elements each at `address(unit)`."""
+    text = f"wp::vec_t<{n_in}, {C_TYPES[dtype]}> dx;\n"
     for u in range(-(-n_in // 8)):
-        text += f"{{ unsigned v[4]; load_unit(own_unit(area + {4 * plan.dx}, {blocks}, {u}), v);\n"
+        text += f"{{ unsigned v[4]; load_unit({address(u)}, v);\n"
         for k in range(8 * u, min(8 * u + 8, n_in)):
             text += f"dx.c[{k}] = {C_TYPES[dtype]}({('low', 'high')[k % 2]}(v[{k % 8 // 2}]));\n"
         text += "}\n"
-    return unrolled(text + "return dx;\n")
+    return text

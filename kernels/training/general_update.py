@@ -6,10 +6,9 @@ import warp as wp
 
 from kernels.encodings.base import UNROLL
 from kernels.training.progress import Progress
-from kernels.training.update import Rates, Update, advance, rates_of
+from kernels.training.update import Update, advance, rates_of
 
 GROUP = 4  # parameters that move through memory together, in 16 bytes
-vec6 = wp.types.vector(6, float)
 
 # loops of a known length, or the group would lie in memory
 READ = f"""wp::vec_t<{GROUP}, wp::float32> group;
@@ -65,54 +64,9 @@ def read_group(values: wp.array[float], i: int) -> wp.vec4:
 def write_group(values: wp.array[float], i: int, group: wp.vec4): ...
 
 
-LEADS = """#if defined(__CUDA_ARCH__)
-return threadIdx.x == 0;
-#else
-return true;
-#endif
-"""
-
-FROM_LEADER = """#if defined(__CUDA_ARCH__)
-__shared__ wp::vec_t<6, wp::float32> first;
-if (threadIdx.x == 0) first = values;
-__syncthreads();
-return first;
-#else
-return values;
-#endif
-"""
-
-
-@wp.func_native(LEADS)
-def leads_block() -> bool: ...
-
-
-@wp.func_native(FROM_LEADER)
-def from_leader(values: vec6) -> vec6: ...
-
-
-@wp.func
-def rates_of_block(progress: Progress, options: Update) -> Rates:
-    """`rates_of`, once for all threads of a block, which wait for its first."""
-    values = vec6()
-    if leads_block():
-        rates = rates_of(progress, options)
-        skip = wp.where(rates.skip, 1.0, 0.0)
-        values = vec6(skip, rates.rate, rates.corrections[0], rates.corrections[1], rates.mean, rates.decay)
-    values = from_leader(values)
-    shared = Rates()
-    shared.skip = values[0] > 0.0
-    shared.rate = values[1]
-    shared.corrections = wp.vec2(values[2], values[3])
-    shared.mean = values[4]
-    shared.decay = values[5]
-    return shared
-
-
 @cache
 def make_update_kernel(update: wp.Function) -> wp.Kernel:
-    """From parameter `first`, a multiple of 4, on: gradients lie in `gradient`, which is cleared. dim threads, on CUDA
-    whole blocks.
+    """From parameter `first`, a multiple of 4, on: gradients lie in `gradient`, which is cleared. dim threads.
 
     sparse: the first parameter that rests, and so do its moments, if its gradient is exactly 0 (see `Encoding.sparse`),
     a multiple of 4 or the end. last: of the step.
@@ -135,7 +89,7 @@ def make_update_kernel(update: wp.Function) -> wp.Kernel:
         passed = wp.where(averages, master.shape[0], sparse)
         i = skip_zeros(gradient, first + wp.static(GROUP) * thread, step, passed)
         g = read_group(gradient, i)
-        rates = rates_of_block(progress, options)
+        rates = rates_of(progress, options)
         while i < master.shape[0]:
             reached = not (g == wp.vec4())
             moves = reached or i < sparse

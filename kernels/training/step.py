@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from kernels.coopvec.memory import make_load, make_store
-from kernels.coopvec.spec import C_TYPES, NetworkSpec, Parameters
+from kernels.coopvec.spec import NetworkSpec, Parameters
 from kernels.losses import Loss
 from kernels.training import cuda, cuda_backward, cuda_finish, warpgroup, warpgroup_backward, wide, wide_backward
 from kernels.training.encoded import row_type
@@ -16,53 +16,47 @@ from kernels.training.progress import Progress, batch_of
 from kernels.training.warpgroup_plan import WarpgroupPlan
 from kernels.training.wide_plan import WidePlan
 
+FusedPlan = Plan | WarpgroupPlan | WidePlan
+
 
 class Parts(NamedTuple):
-    """The native functions that a fused kernel is made of, see `cuda`, `cuda_backward` and `cuda_finish`."""
+    """The native functions that a fused kernel is made of, or their texts; see `cuda`, `cuda_backward`, and so on."""
 
-    begin: wp.Function
-    forward: wp.Function
-    upper_layers: wp.Function
-    first_layer: wp.Function
-    input_gradient: wp.Function
-    finish: wp.Function
+    begin: Any
+    forward: Any
+    upper_layers: Any
+    first_layer: Any
+    input_gradient: Any
+    finish: Any
 
 
 def cuda_only(text: str, otherwise: str = "") -> str:
     return f"#if defined(__CUDA_ARCH__)\n{text}\n#else\n{otherwise}\n#endif\n"
 
 
-def make_texts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool) -> Parts:
-    if isinstance(plan, WarpgroupPlan):
+def make_texts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient: bool) -> Parts:
+    if isinstance(plan, Plan):
         return Parts(
-            warpgroup.begin(spec, plan),
-            warpgroup.forward(spec, plan, x_type is wp.float16),
-            warpgroup_backward.upper_layers(spec, plan),
-            warpgroup_backward.first_layer(spec, plan, input_gradient),
-            warpgroup_backward.input_gradient(spec, warpgroup.enter(spec, plan), C_TYPES[x_type]),
-            warpgroup_backward.finish(plan),
+            cuda.begin(spec, plan),
+            cuda.forward(spec, plan),
+            cuda_backward.upper_layers(spec, plan),
+            cuda_backward.first_layer(spec, plan, input_gradient),
+            cuda_backward.input_gradient(spec, plan, x_type),
+            cuda_finish.finish(plan),
         )
-    if isinstance(plan, WidePlan):
-        return Parts(
-            warpgroup.begin(spec, plan),
-            wide.forward(spec, plan, x_type is wp.float16),
-            wide_backward.upper_layers(spec, plan),
-            wide_backward.first_layer(spec, plan, input_gradient),
-            warpgroup_backward.input_gradient(spec, wide.enter(spec, plan), C_TYPES[x_type]),
-            wide_backward.finish(plan),
-        )
+    forward, backward = (wide, wide_backward) if isinstance(plan, WidePlan) else (warpgroup, warpgroup_backward)
     return Parts(
-        cuda.begin(spec, plan),
-        cuda.forward(spec, plan),
-        cuda_backward.upper_layers(spec, plan),
-        cuda_backward.first_layer(spec, plan, input_gradient),
-        cuda_backward.input_gradient(spec, plan, x_type),
-        cuda_finish.finish(plan),
+        warpgroup.begin(spec, plan),
+        forward.forward(spec, plan, x_type is wp.float16),
+        backward.upper_layers(spec, plan),
+        backward.first_layer(spec, plan, input_gradient),
+        warpgroup_backward.input_gradient(spec, forward.enter(spec, plan), x_type),
+        backward.finish(plan),
     )
 
 
 @cache
-def make_parts(spec: NetworkSpec, plan: Plan, x_type: type, input_gradient: bool) -> Parts:
+def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient: bool) -> Parts:
     """x_type: of the elements of the network's inputs and their gradients."""
     vec_in, vec_out = wp.types.vector(spec.sizes[0], x_type), wp.types.vector(spec.sizes[-1], wp.float32)
     shared, sums = wp.tile(dtype=wp.uint32, shape=(plan.words,)), wp.types.vector(plan.sums, wp.float32)
@@ -137,14 +131,14 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
     return results
 
 
-def samples_of(plan: Plan) -> int:
+def samples_of(plan: FusedPlan) -> int:
     """Of a block in a round."""
     return plan.threads // 32 * plan.lanes
 
 
 @cache
 def make_gradient_kernel(
-    spec: NetworkSpec, plan: Plan, sample: wp.Function, loss: Loss, encode=None, by_rows: bool = False
+    spec: NetworkSpec, plan: FusedPlan, sample: wp.Function, loss: Loss, encode=None, by_rows: bool = False
 ) -> wp.Kernel:
     """The fused kernel for CUDA: dim blocks * plan.threads, block_dim plan.threads.
 

@@ -8,6 +8,7 @@ while they run, the next samples can be read.
 from kernels.activations import leaky_relu, relu
 from kernels.coopvec.fragments import unrolled
 from kernels.coopvec.spec import NetworkSpec
+from kernels.training.cuda_backward import take_dx
 from kernels.training.warpgroup import enter, wait, wgmma
 from kernels.training.warpgroup_plan import LAST_ROW, MAX_OUT, ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
 from kernels.training.wide_plan import WidePlan
@@ -87,13 +88,12 @@ def weight_products(plan: WarpgroupPlan, index: int) -> str:
 
 def backward_layer(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
     """dz of layer `index`, whose way back is being multiplied, to that of the layer before."""
-    last, slope = plan.layers[index].last, len(plan.layers) > 2
-    first = "" if last else f"publish();\n{wait(2) if index < len(plan.layers) - 1 else ''}"
-    if slope:  # the slot that dz goes to is free, and dz of this layer complete
-        first += "together();\n"
+    before = "" if plan.layers[index].last else f"publish();\n{wait(2)}"
+    if len(plan.layers) > 2:  # the slot that dz goes to is free now, and dz of this layer complete
+        before += "together();\n"
     pending = (1, 0)
     if index > 1:
-        first += f"begin_products();\n{weight_products(plan, index)}commit();\n"
+        before += f"begin_products();\n{weight_products(plan, index)}commit();\n"
         pending = (2, 2)
     word = "pack(dh[m][8 * b + 2 * r], dh[m][8 * b + 2 * r + 1])"  # row half r % 2, columns 8 (2 b + r / 2) + 2 t
     if spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
@@ -103,7 +103,7 @@ def backward_layer(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
             f"dh[m][8 * b + 2 * r + {e}] * d_hidden({side}(kept[b][r]))" for e, side in enumerate(("low", "high"))
         )
         word = f"pack({', '.join(values)})"
-    return f"""{first}
+    return f"""{before}
 for (int m = 0; m < 2; ++m) {{
 unsigned kept[{WIDTH // 16}][4];
 for (int b = 0; b < {WIDTH // 16}; ++b) load(matrices({index * SLOT}, m, b), kept[b]);
@@ -143,16 +143,10 @@ begin_products();
 """)
 
 
-def input_gradient(spec: NetworkSpec, enter: str, c_type: str) -> str:
-    """`(memory) -> dx` of this thread's sample, as `first_layer` left it. enter: what the text begins with."""
-    n_in = spec.sizes[0]
-    text = f"{enter}wp::vec_t<{n_in}, {c_type}> dx;\n__syncwarp();\n"
-    for u in range(-(-n_in // 8)):
-        text += f"{{ unsigned v[4]; load_unit(unit(0, {u}), v);\n"
-        for k in range(8 * u, min(8 * u + 8, n_in)):
-            text += f"dx.c[{k}] = {c_type}({('low', 'high')[k % 2]}(v[{k % 8 // 2}]));\n"
-        text += "}\n"
-    return unrolled(text + "__syncwarp();\nreturn dx;\n")
+def input_gradient(spec: NetworkSpec, enter: str, dtype: type) -> str:
+    """As `cuda_backward.input_gradient`. All threads. enter: what the text begins with."""
+    take = take_dx(spec.sizes[0], dtype, lambda u: f"unit(0, {u})")
+    return unrolled(f"{enter}__syncwarp();\n{take}__syncwarp();\nreturn dx;\n")
 
 
 def finish(plan: WarpgroupPlan) -> str:

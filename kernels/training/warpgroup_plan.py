@@ -107,11 +107,16 @@ class WarpgroupPlan(HopperPlan):
         return (self.last_dz, self.spare, (index + 2) * SLOT)[min(after, 2)]
 
 
+def takes(spec: NetworkSpec, width: int) -> bool:
+    """Whether warpgroups train such a network, with `width` neurons in every hidden layer."""
+    hidden, activations = spec.sizes[1:-1], (relu, leaky_relu, linear)
+    sizes = set(hidden) == {width} and spec.sizes[0] <= width and spec.sizes[-1] <= MAX_OUT
+    return sizes and spec.format in (FLOAT16, BFLOAT16) and spec.activation in activations
+
+
 def make_warpgroup_plan(spec: NetworkSpec) -> WarpgroupPlan | None:
     """None for a network that is not trained this way."""
-    hidden, activations = spec.sizes[1:-1], (relu, leaky_relu, linear)
-    fits = spec.format in (FLOAT16, BFLOAT16) and spec.activation in activations and set(hidden) == {WIDTH}
-    if not fits or spec.sizes[0] > WIDTH or spec.sizes[-1] > MAX_OUT:
+    if not takes(spec, WIDTH):
         return None
     weights, sums, first, layers = 0, 0, 0, []
     layouts, _ = network_layout(spec, True)

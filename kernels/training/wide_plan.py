@@ -8,17 +8,16 @@ it needs again. Slots are those of `warpgroup_plan`, in panels of 64 columns.
 
 from dataclasses import dataclass
 
-from kernels.activations import leaky_relu, linear, relu
 from kernels.coopvec.layout import LayerLayout, network_layout
-from kernels.coopvec.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
-from kernels.training.warpgroup_plan import GROUPS, LAST_ROW, MAX_OUT, ROW, HopperPlan
+from kernels.coopvec.spec import NetworkSpec, round_up
+from kernels.training.warpgroup_plan import GROUPS, LAST_ROW, ROW, HopperPlan, takes
 
 WIDTH = 128
 SAMPLES = 64  # of a warpgroup and round
 PANEL = SAMPLES * ROW
 SLOT = WIDTH // 64 * PANEL
 MASKS = 128 * 8  # bytes: of a layer, which of a thread's 64 results are positive
-PASS_LAYERS, PASS_SUMS = 2, 80
+PASS_LAYERS, PASS_SUMS = 2, 80  # that a pass takes at most: layers, registers for sums
 MAX_DEPTH = 3  # hidden layers whose weights fit
 
 
@@ -59,7 +58,6 @@ class WidePlan(HopperPlan):
     """The pass that computes the gradients of layers `low` to `high`. Offsets in bytes as in `WarpgroupPlan`."""
 
     lanes = 16
-
     layers: tuple[WideLayer, ...]
     low: int
     high: int
@@ -115,9 +113,7 @@ class WidePlan(HopperPlan):
 
 def make_wide_plans(spec: NetworkSpec) -> tuple[WidePlan, ...]:
     """The passes, in order; none for a network that is not trained this way."""
-    hidden, activations = spec.sizes[1:-1], (relu, leaky_relu, linear)
-    fits = spec.format in (FLOAT16, BFLOAT16) and spec.activation in activations and set(hidden) == {WIDTH}
-    if not fits or len(hidden) > MAX_DEPTH or spec.sizes[0] > WIDTH or spec.sizes[-1] > MAX_OUT:
+    if not takes(spec, WIDTH) or len(spec.sizes) - 2 > MAX_DEPTH:
         return ()
     weights, first, layers = 0, 0, []
     layouts, _ = network_layout(spec, True)
