@@ -58,7 +58,7 @@ def measure_inference(bench: Bench, config: CpuConfig) -> None:
         wp.launch(kernel, len(x), [net.params, inputs, y], device="cpu")
         return y.numpy()
 
-    calls = {"Warp Neural": ours} | peers.inference(peers.layers_of(net), x, compiled=not config.quick)
+    calls = {"Warp Neural": ours} | peers.inference(peers.weights_and_biases(net), x, compiled=not config.quick)
     for name, call in calls.items():
         check(f"inference, {name}", call(), truth(net, x), 1e-5)
     for name, values in times_in_turn(calls, config.rounds).items():
@@ -92,7 +92,7 @@ def measure_training(bench: Bench, config: CpuConfig) -> None:
     def check_gradient(name: str, inputs: np.ndarray, targets: np.ndarray, found: np.ndarray) -> None:
         check(f"{name}, gradient", found, true_gradient(net, inputs, targets), 1e-5)
 
-    calls |= peers.training(peers.layers_of(net), OCTAVES, config.samples, check_gradient)
+    calls |= peers.training(peers.weights_and_biases(net), OCTAVES, config.samples, check_gradient)
     for name, values in times_in_turn(calls, config.rounds).items():
         bench.add(name, "training step", values, "ms")
 

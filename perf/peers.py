@@ -32,7 +32,7 @@ def torch_model(layers: Layers):
     return torch.nn.Sequential(*modules[:-1])
 
 
-def layers_of(net: MLP) -> Layers:
+def weights_and_biases(net: MLP) -> Layers:
     return list(zip(net.weights, net.biases, strict=True))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from perf.measure import WARM_UP, Bench, check, wall_ms
 from perf.networks import shape_name, true_gradient, truth
-from perf.peers import drjit_evaluator, drjit_net, layers_of, torch_model
+from perf.peers import drjit_evaluator, drjit_net, torch_model, weights_and_biases
 from warp_neural import MLP
 
 COMPILED, COMPILED_STEP = "3x64", "3x64, 262,144"  # by torch.compile, which may take a minute
@@ -42,9 +42,9 @@ def modules(net: MLP, device: str, found: list[str], compiled: bool) -> dict[str
         return {}
     import torch
 
-    made = {"PyTorch eager": torch_model(layers_of(net)).to(device)}
+    made = {"PyTorch eager": torch_model(weights_and_biases(net)).to(device)}
     if compiled:
-        made["torch.compile"] = torch.compile(torch_model(layers_of(net)).to(device))
+        made["torch.compile"] = torch.compile(torch_model(weights_and_biases(net)).to(device))
     if "tinycudann" in found:
         import tinycudann
 
@@ -101,7 +101,7 @@ def torch_inference(name: str, net: MLP, module: Any, x: np.ndarray, device: str
 
 
 def drjit_inference(net: MLP, x: np.ndarray) -> Callable[[], Any]:
-    call = drjit_evaluator(layers_of(net), x, cuda=True)
+    call = drjit_evaluator(weights_and_biases(net), x, cuda=True)
     y = np.stack([value.numpy()[:CHECKED] for value in call()], 1)
     check("Dr.Jit", y.astype(np.float32), truth(net, x[:CHECKED]), LIMIT)
     return call
@@ -153,7 +153,7 @@ def drjit_training(net: MLP, x: np.ndarray, target: np.ndarray) -> Callable[[], 
     from drjit.cuda.ad import Float16
     from drjit.opt import Adam
 
-    packed, optimizer = drjit_net(layers_of(net), "training", cuda=True), Adam(lr=1e-3)
+    packed, optimizer = drjit_net(weights_and_biases(net), "training", cuda=True), Adam(lr=1e-3)
     columns, targets = ([Float16(column) for column in array.T.copy()] for array in (x, target))
     optimizer.update(packed)
 

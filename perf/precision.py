@@ -13,6 +13,7 @@ import warp as wp
 
 from perf.measure import Bench, Config, check
 from perf.networks import LIMITS, truth
+from perf.training import pixel
 from warp_neural import MLP, Trainer, encodings, optim
 from warp_neural.cli import progress, run
 from warp_neural.image import displayed_psnr
@@ -34,14 +35,6 @@ OCTAVES = 8
 class PrecisionConfig(Config):
     steps: int = 0
     """of training; 0: 2,000, or 200 with --quick"""
-
-
-@wp.func
-def pixel(index: int, random: wp.uint32, image: wp.array2d[wp.vec3]):
-    u, v = wp.randf(random), wp.randf(random)
-    i = wp.min(int(v * float(image.shape[0])), image.shape[0] - 1)
-    j = wp.min(int(u * float(image.shape[1])), image.shape[1] - 1)
-    return wp.vec2(u, v), image[i, j]
 
 
 def make_picture_kernel(net: MLP):

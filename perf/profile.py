@@ -86,7 +86,7 @@ def named(name: str, step: Callable[[], None]) -> dict[str, wp.Launch]:
 
 def training_launches(config: Config, device: wp.Device) -> dict[str, wp.Launch]:
     found = {}
-    for depth, width in [*training.SHAPES, training.WIDE]:
+    for depth, width in training.SHAPES:
         sample, name = training.make_row_sample(width), f"train {shape_name(depth, width)}"
         trainer, _forward = training.row_trainer(config, device, depth, width, BATCH, sample)
         found |= named(f"{name}, gradient", lambda: trainer.launches.gradient(0))  # noqa: B023

@@ -6,9 +6,10 @@ sums, on the CPU float32. `course step`: networks of `samples.network`. `texture
 of `samples.hardware_acceleration`, in plain arithmetic (`per_thread`) and cooperative; `unfused`: in the same kernels.
 
 `forward`: the network alone, on the same rows; `gradient`: samples, forward, loss, backward and what blocks add up;
-`update`: the sum over blocks, Adam and the packed weights; `step`: gradient and update. The gradient of every LxN is
-compared with float64 before it is timed. On CUDA other libraries that are installed train on the rows of LxN
-(`perf.peers_cuda`), on one core they do in `perf.cpu`.
+`update`: the sum over blocks, Adam and the packed weights, left out for a hash grid, as after the first its gradient is
+zero and its entries rest; `step`: gradient and update. The gradient of every LxN is compared with float64 before it is
+timed. On CUDA other libraries that are installed train on the rows of LxN (`perf.peers_cuda`), on one core they do in
+`perf.cpu`.
 """
 
 from dataclasses import dataclass
@@ -27,8 +28,7 @@ from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import progress, run
 from warp_neural.coopvec import make_load
 
-SHAPES = [(2, 32), (3, 32), (2, 64), (3, 64), (3, 16)]
-WIDE = (3, 128)  # on CUDA, and of it the step alone
+SHAPES = [(2, 32), (3, 32), (2, 64), (3, 64), (3, 16), (3, 128)]
 ENCODINGS = {
     "frequency": encodings.Frequency(8),
     "latent texture": encodings.LatentTexture(64, 64, 8),
@@ -142,7 +142,9 @@ def measure_step(bench: Bench, row: str, trainer: Trainer, batch: int) -> None:
 def measure_parts(bench: Bench, row: str, trainer: Trainer, batch: int) -> None:
     measure_step(bench, row, trainer, batch)
     bench.time(row, "gradient", lambda: trainer.launches.gradient(0))
-    bench.time(row, "update", trainer.launches.update)
+    encoding = trainer.net.encoding
+    if not (encoding and encoding.sparse and encoding.n_parameters(trainer.net.n_in)):
+        bench.time(row, "update", trainer.launches.update)
 
 
 def measure(bench: Bench, shapes: list, encoded: dict, batches: tuple[int, ...]) -> None:
@@ -161,13 +163,6 @@ def measure(bench: Bench, shapes: list, encoded: dict, batches: tuple[int, ...])
         for batch in batches:
             net = encoded_net(config, device, encoding)
             measure_parts(bench, f"{name}, {batch:,}", image_trainer(net, batch), batch)
-
-
-def measure_wide(bench: Bench, batches: tuple[int, ...]) -> None:
-    sample = make_row_sample(WIDE[1])
-    for batch in batches:
-        trainer, _forward = row_trainer(bench.config, bench.device, *WIDE, batch, sample)
-        measure_step(bench, f"{shape_name(*WIDE)}, {batch:,}", trainer, batch)
 
 
 def measure_course(bench: Bench) -> None:
@@ -202,7 +197,6 @@ def main(config: TrainingConfig) -> dict:
     if not config.quick:
         measure_texture(bench)
     if cuda and not config.quick:
-        measure_wide(bench, batches[:2])
         measure_course(bench)
     for name, recorded in RECORDED.items() if cuda else ():
         for batch, value in recorded.items():

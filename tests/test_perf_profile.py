@@ -137,7 +137,7 @@ def test_goals_name_rows_of_the_profile():
     kinds = [f"{precision}, {sums} sums" for precision, sums in profile.KINDS]
     rows = {f"network {shape}, {kind}" for shape in shapes for kind in kinds}
     rows |= {f"memory {name}" for name in (*shapes, "3x16", "3x128")}
-    rows |= {f"train {networks.shape_name(*shape)}, gradient" for shape in (*training.SHAPES, training.WIDE)}
+    rows |= {f"train {networks.shape_name(*shape)}, gradient" for shape in training.SHAPES}
     assert {goal.kernel for goal in GOALS if goal.kernel} <= rows | {
         f"train {name}, gradient" for name in ("frequency", "hash grid")
     }
