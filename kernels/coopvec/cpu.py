@@ -5,6 +5,7 @@ in order, one fused multiply-add each, so that CUDA's per-thread arithmetic give
 """
 
 from kernels.activations import relu
+from kernels.coopvec.cpu_math import MATH, on_vectors
 from kernels.coopvec.layout import MAGIC, LayerLayout, bias_joins_relu, network_layout
 from kernels.coopvec.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32, NetworkSpec, round_up
 
@@ -94,6 +95,12 @@ def c_type(spec: NetworkSpec) -> str:
     return f"wp::{spec.dtype.__name__}"
 
 
+def vector_prelude(spec: NetworkSpec) -> str:
+    """Helpers for vectors of 16, functions that activations call among them, and `rounded` to the format."""
+    calls = any("wp::" in f.value + f.derivative for f in (spec.activation, spec.output_activation))
+    return f"{PRELUDE}{MATH if calls else ''}const auto rounded = [&](v16 z) {{ {ROUND[spec.format]} }};\n"
+
+
 def prelude(spec: NetworkSpec) -> str:
     """Helpers, the network's parameters, and the rounded input vector `h0`."""
     n_in = spec.sizes[0]
@@ -103,8 +110,7 @@ def prelude(spec: NetworkSpec) -> str:
         share = f"fma(load(h0 + k), v16(mine[{layers[0].scales}] * (1.0f / 254.0f)), v16(0.5f))"
         share = f"__builtin_elementwise_min(v16(1.0f), __builtin_elementwise_max(v16(0.0f), {share}))"
         first = f"fma({share}, v16(254.0f), v16({MAGIC - 127}f)) - {MAGIC}f"
-    return f"""{PRELUDE}
-const auto rounded = [&](v16 z) {{ {ROUND[spec.format]} }};
+    return f"""{vector_prelude(spec)}
 const real* mine = reinterpret_cast<const real*>(params.packed.data) + wp::int64(params.network) * {words};
 alignas(64) real h0[{round_up(n_in, LANES)}] = {{}};
 for (int k = 0; k < {n_in}; ++k) h0[k] = static_cast<real>(x.c[k]);
@@ -120,7 +126,7 @@ def layer_text(spec: NetworkSpec, index: int, keep: bool) -> str:
     """`h{index}` to `h{index + 1}`, the rounded input of the next layer or the result; with keep, also `z{index}`."""
     layer, activation = network_layout(spec, False)[0][index], spec.activation_of(index)
     h = f"h{index + 1}"
-    inline = "wp::" not in activation.value  # without calls, the expression holds for vectors as it stands
+    inline = on_vectors(activation.value)
     text = f"alignas(64) real {h}[{layer.n_pad}]{f', z{index}[{layer.n_pad}]' if keep else ''};\n"
     for n in range(0, layer.n_pad, GROUP * LANES):
         vectors = range(min(GROUP, (layer.n_pad - n) // LANES))
@@ -128,7 +134,7 @@ def layer_text(spec: NetworkSpec, index: int, keep: bool) -> str:
         for i in vectors:
             here = n + i * LANES
             text += f"store(z{index} + {here}, a{i});\n" if keep else ""
-            text += f"{{ const v16 z = a{i}; a{i} = {activation.value}; }}\n" if inline else ""
+            text += f"{{ const v16 z = a{i}; a{i} = {inline}; }}\n" if inline else ""
             text += f"store({h} + {here}, {result(spec, index, f'a{i}') if inline else f'a{i}'});\n"
         text += "}\n"
     if not inline:

@@ -14,7 +14,8 @@ from functools import cache
 
 import warp as wp
 
-from kernels.coopvec.cpu import LANES, PRELUDE, ROUND, result
+from kernels.coopvec.cpu import LANES, ROUND, result, vector_prelude
+from kernels.coopvec.cpu_math import on_vectors
 from kernels.coopvec.layout import bias_joins_relu, network_layout
 from kernels.coopvec.spec import NetworkSpec, round_up
 from kernels.training.cuda import LIFTED
@@ -30,11 +31,6 @@ constexpr int ROWS = 2;
 """
 
 PARAMETERS = "const real* const mine = reinterpret_cast<const real*>(params.packed.data);\n"
-
-
-def is_vector(expression: str) -> bool:
-    """Without calls, an activation's expression holds for vectors as it stands."""
-    return "wp::" not in expression
 
 
 def keeps_z(spec: NetworkSpec, index: int) -> bool:
@@ -67,7 +63,7 @@ def enter(spec: NetworkSpec) -> str:
     """Helpers and the names of all arrays."""
     starts, _ = areas(spec)
     arrays = "".join(f"real* const {name} = scratch.data + {start};\n" for name, start in starts.items())
-    return f"{PRELUDE}{ROWS}const auto rounded = [&](v16 z) {{ {ROUND[spec.format]} }};\n{arrays}"
+    return f"{vector_prelude(spec)}{ROWS}{arrays}"
 
 
 def begin(spec: NetworkSpec) -> str:
@@ -183,8 +179,9 @@ def forward_layer(spec: NetworkSpec, index: int) -> str:
     rounded = result(spec, index, "c")
     if last and spec.dtype is wp.float16:
         rounded = f"half({rounded})"
-    if is_vector(value):
-        finish += f"{{ const v16 z = c; c = {value}; }}\nstore({out}, {rounded});"
+    vectors = on_vectors(value)
+    if vectors:
+        finish += f"{{ const v16 z = c; c = {vectors}; }}\nstore({out}, {rounded});"
     else:
         finish += f"store({out}, c);"
     text = over_samples(
@@ -196,7 +193,7 @@ def forward_layer(spec: NetworkSpec, index: int) -> str:
         between=between,
         finish=finish,
     )
-    if not is_vector(value):
+    if not vectors:
         text += f"""for (int i = 0; i < count; ++i) {{
     real* const row = h{index + 1} + i * {layer.n_pad};
     for (int n = 0; n < {layer.n}; ++n) {{ const real z = row[n]; row[n] = {value}; }}

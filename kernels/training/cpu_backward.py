@@ -2,9 +2,10 @@
 
 from kernels.activations import linear
 from kernels.coopvec.cpu import LANES
+from kernels.coopvec.cpu_math import on_vectors
 from kernels.coopvec.layout import LayerLayout, network_layout
 from kernels.coopvec.spec import NetworkSpec, round_up
-from kernels.training.cpu import enter, gradient_name, is_vector, keeps_z, over_columns, over_samples, tile
+from kernels.training.cpu import enter, gradient_name, keeps_z, over_columns, over_samples, tile
 
 
 def backward(spec: NetworkSpec, input_gradient: bool) -> str:
@@ -31,10 +32,11 @@ def slopes(spec: NetworkSpec, index: int, layer: LayerLayout) -> str:
     if spec.activation_of(index) is linear:
         return ""
     d, z = gradient_name(index), f"z{index}" if keeps_z(spec, index) else f"h{index + 1}"
-    if is_vector(derivative):
+    vectors = on_vectors(derivative)
+    if vectors:
         return f"""for (int i = 0; i < count * {n_pad}; i += {LANES}) {{
     const v16 z = load({z} + i);
-    store({d} + i, load({d} + i) * {derivative});
+    store({d} + i, load({d} + i) * {vectors});
 }}
 """
     return f"""for (int i = 0; i < count; ++i) for (int n = 0; n < {layer.n}; ++n) {{
