@@ -14,8 +14,8 @@ Sizes depend on the device: the CPU has a 256 x 256 texture, 4,096 pixels a step
 the picture's pixels once: expect blurred crops there. CUDA has 1024 x 1024, 16,384 and as many of those 2,000 steps as
 float32 takes in 15 seconds: there its gradients are atomic additions to the same addresses, as those of `per_thread`.
 
-On one CPU core: the small network takes 1.70 (per thread), 0.81 (tiled) and 0.08 ms a step (cooperative), and
-ends within 1e-6 of the same results; the texture 183 (per thread), 11.6 (unfused), 7.6 (float32) and 7.0 ms (float16).
+On one CPU core: the small network takes 1.78 (per thread), 0.84 (tiled) and 0.10 ms a step (cooperative), and
+ends within 1e-6 of the same results; the texture 228 (per thread), 11.1 (unfused), 5.6 (float32) and 4.6 ms (float16).
 After 2,000 steps float32 and float16 are both at 23.90 dB.
 
 On an H200 the small network takes 0.44 (per thread), 0.16 (tiled) and 0.02 ms a step (cooperative), and ends within
