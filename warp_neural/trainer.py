@@ -19,7 +19,7 @@ from warp_neural.errors import InputError
 from warp_neural.network import MLP
 from warp_neural.optim import SGD, Adam
 from warp_neural.training_cpu import FusedCpu
-from warp_neural.training_steps import FusedCuda, General, plans_of
+from warp_neural.training_steps import FusedCuda, General, plan_of
 
 HISTORY = 1 << 14  # steps whose loss is kept on the device
 SAVE_SECONDS = 30  # between checkpoints
@@ -31,7 +31,7 @@ def fused_steps(net: MLP) -> type[FusedCuda | FusedCpu] | None:
     if net.implementation != "cooperative":
         return None
     if net.device.is_cuda:
-        return FusedCuda if plans_of(net) else None
+        return FusedCuda if plan_of(net) else None
     return None if net.spec.format is INT8 else FusedCpu
 
 

@@ -28,7 +28,8 @@ from kernels.training.progress import Progress
 from kernels.training.step import FusedPlan, make_gradient_kernel, samples_of
 from kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
 from kernels.training.warpgroup_plan import make_warpgroup_plan
-from kernels.training.wide_plan import make_wide_plans
+from kernels.training.wide_plan import make_wide_plan
+from kernels.training.wide_step import kept_words, make_lower_kernel
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
@@ -90,14 +91,13 @@ class General(Steps):
         )
 
 
-def plans_of(net: MLP) -> list[FusedPlan]:
-    """How blocks of the network's CUDA device train it in one kernel, or several passes; none if they cannot."""
+def plan_of(net: MLP) -> FusedPlan | None:
+    """How blocks of the network's CUDA device train it in one kernel; None if they cannot."""
     spec, device = net.spec, net.device
     if device.arch < spec.format.min_arch:
-        return []
-    hopper = [*make_wide_plans(spec), make_warpgroup_plan(spec)] if device.arch == 90 else []
-    plans = [plan for plan in hopper if plan] or [make_plan(spec, device.max_shared_memory_per_block)]
-    return [plan for plan in plans if plan]
+        return None
+    hopper = make_warpgroup_plan(spec) or make_wide_plan(spec) if device.arch == 90 else None
+    return hopper or make_plan(spec, device.max_shared_memory_per_block)
 
 
 def load_for(kernel: wp.Kernel, plan: FusedPlan, device: wp.Device) -> None:
@@ -152,30 +152,37 @@ class FusedCuda(Steps):
         self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
     ):
         super().__init__(net, optimizer, progress, options, data)
-        plans, device = plans_of(net), net.device
-        self.plan = plans[0]  # passes share all that follows
+        device = net.device
+        self.plan = plan = plan_of(net)
         self.by_rows = net.encoding is not None and net.encoding.n_parameters(net.n_in) > 0
         encode = net.encode if net.encoding and not self.by_rows else None
-        self.kernels = [make_gradient_kernel(net.spec, plan, sample, loss, encode, self.by_rows) for plan in plans]
-        for kernel, plan in zip(self.kernels, plans, strict=True):
-            load_for(kernel, plan, device)
+        self.kernel = make_gradient_kernel(net.spec, plan, sample, loss, encode, self.by_rows)
+        load_for(self.kernel, plan, device)
         shape, format = (batch if self.by_rows else 0, net.spec.sizes[0]), net.spec.format
         self.rows = wp.zeros(shape, dtype=row_type(format), device=device)
         leaves = net.encoding.leaves(net.n_in) if self.by_rows else []
         self.leaves = [LeafSteps(leaf, net, sample, self.rows) for leaf in leaves]
-        self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, self.plan)
-        blocks = min(device.sm_count, -(-batch // samples_of(self.plan)))  # one on each multiprocessor
-        self.partial = wp.zeros((blocks, self.plan.slice), dtype=float, device=device)
-        self.order = wp.array(fragment_order(self.plan), dtype=int, device=device)
+        self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, plan)
+        blocks = min(device.sm_count, -(-batch // samples_of(plan)))  # one on each multiprocessor
+        kept = 0
+        if plan.lower:
+            self.lower_kernel = make_lower_kernel(net.spec, plan.lower, self.by_rows)
+            load_for(self.lower_kernel, plan, device)
+            kept = kept_words(plan.lower, blocks, batch)
+        self.kept = wp.empty(kept, dtype=wp.uint32, device=device)
+        self.partial = wp.zeros((blocks, plan.slice), dtype=float, device=device)
+        self.order = wp.array(fragment_order(plan), dtype=int, device=device)
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
 
     def gradient(self, micro: int) -> None:
         inputs = [self.net.params, self.data, self.progress, micro]
         for leaf in self.leaves:
             leaf.encode(inputs)
-        threads = self.plan.threads
-        for kernel in self.kernels:
-            self._launch(kernel, self.partial.shape[0] * threads, [*inputs, self.partial, self.rows], threads)
+        threads, arrays = self.plan.threads, [self.partial, self.rows, self.kept]
+        self._launch(self.kernel, self.partial.shape[0] * threads, [*inputs, *arrays], threads)
+        if self.plan.lower:
+            lower = [self.net.params, self.progress, micro, *arrays]
+            self._launch(self.lower_kernel, self.partial.shape[0] * threads, lower, threads)
         for leaf in self.leaves:
             leaf.adjoint(inputs)
 

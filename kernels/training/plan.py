@@ -99,7 +99,8 @@ class Plan:
         return 32 * self.warps
 
     lanes = 32  # of a warp, that have a sample
-    reaches_input = True  # whether the gradient of the first layer is among those that a launch computes
+    reaches_input = True  # as of `warpgroup_plan.HopperPlan`
+    lower = None
 
     def bias_sums(self, index: int) -> int:
         """Where layer `index` has the registers of its biases, which eight layers share."""

@@ -14,9 +14,9 @@ from kernels.training.general import data_type, make_draw
 from kernels.training.plan import Plan
 from kernels.training.progress import Progress, batch_of
 from kernels.training.warpgroup_plan import WarpgroupPlan
-from kernels.training.wide_plan import WidePlan
+from kernels.training.wide_plan import UpperPlan
 
-FusedPlan = Plan | WarpgroupPlan | WidePlan
+FusedPlan = Plan | WarpgroupPlan | UpperPlan
 
 
 class Parts(NamedTuple):
@@ -44,13 +44,13 @@ def make_texts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
             cuda_backward.input_gradient(spec, plan, x_type),
             cuda_finish.finish(plan),
         )
-    forward, backward = (wide, wide_backward) if isinstance(plan, WidePlan) else (warpgroup, warpgroup_backward)
+    forward, backward = (wide, wide_backward) if isinstance(plan, UpperPlan) else (warpgroup, warpgroup_backward)
     return Parts(
         warpgroup.begin(spec, plan),
         forward.forward(spec, plan, x_type is wp.float16),
         backward.upper_layers(spec, plan),
         backward.first_layer(spec, plan, input_gradient),
-        warpgroup_backward.input_gradient(spec, forward.enter(spec, plan), x_type),
+        warpgroup_backward.input_gradient(spec, plan, forward.enter(spec, plan), x_type),
         backward.finish(plan),
     )
 
@@ -67,10 +67,12 @@ def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
     def begin(params: Parameters, memory: shared): ...
 
     @wp.func_native(cuda_only(texts.forward, "return {};"))
-    def forward(params: Parameters, memory: shared, x: vec_in) -> vec_out: ...
+    def forward(params: Parameters, memory: shared, x: vec_in, kept: wp.array[wp.uint32], start: int) -> vec_out: ...
 
     @wp.func_native(cuda_only(texts.upper_layers, "return sums;"))
-    def upper_layers(memory: shared, sums: sums, z: vec_out, dy: vec_out) -> sums: ...
+    def upper_layers(
+        memory: shared, sums: sums, z: vec_out, dy: vec_out, kept: wp.array[wp.uint32], start: int
+    ) -> sums: ...
 
     @wp.func_native(cuda_only(texts.first_layer, "return sums;"))
     def first_layer(memory: shared, sums: sums) -> sums: ...
@@ -146,7 +148,8 @@ def make_gradient_kernel(
     which of the batches of a step (from 1 on, gradients add to what is there); partial [blocks, plan.slice], every
     block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
 
-    encode: an encoding without parameters. by_rows: x is row i of `rows` instead, which then holds its gradient.
+    encode: an encoding without parameters. by_rows: x is row i of `rows` instead, which then holds its gradient. kept:
+    what `make_lower_kernel` needs, words (`kept_words`).
     """
     draw, data, rows_of = make_draw(sample), data_type(sample), row_type(spec.format)
     vec_in = wp.types.vector(spec.sizes[0], rows_of if by_rows else wp.float32 if encode else spec.dtype)
@@ -165,6 +168,7 @@ def make_gradient_kernel(
         micro: int,
         partial: wp.array2d[float],
         rows: wp.array2d[rows_of],
+        kept: wp.array[wp.uint32],
     ):
         thread = wp.tid()
         step = progress.counters[0]
@@ -182,10 +186,10 @@ def make_gradient_kernel(
         for start in range(0, batch, stride):
             i = start + first
             inside = i < batch and lane < wp.static(lanes)
-            z = forward(params, memory, input(params, x, rows, wp.min(i, batch - 1)))
+            z = forward(params, memory, input(params, x, rows, wp.min(i, batch - 1)), kept, start)
             value, dy = results(z, target, inside, scale)
             total += value
-            sums = upper_layers(memory, sums, z, dy)
+            sums = upper_layers(memory, sums, z, dy, kept, start)
             # the next sample, early: reading it may take as long as the first layer
             next_x, next_target = draw(progress, step, micro * batch + wp.min(i + stride, batch - 1), data)
             sums = first_layer(memory, sums)

@@ -18,20 +18,21 @@ from kernels.training.warpgroup_plan import ROW, SAMPLES, SLOT, WIDTH, Warpgroup
 from kernels.training.wide_plan import WidePlan
 
 
-def wgmma(name: str, spec: NetworkSpec, n: int, registers: bool, transposed: bool) -> str:
-    """A lambda `name(d, a, b, keep)`: d = a b, plus d if `keep`, of 64 x `n`. registers: a is four of them, else the
-    descriptor of a transposed matrix. transposed: b is too."""
+def wgmma(name: str, spec: NetworkSpec, n: int, a: str, transposed: bool) -> str:
+    """A lambda `name(d, a, b, keep)`: d = a b, plus d if `keep`, of 64 x `n`. a: in "registers", four of them, or the
+    descriptor of a matrix in shared memory by "rows" or "columns". transposed: b is by columns."""
     count, element = n // 2, MMA_TYPES[spec.format][1]
     results = ",".join(f"%{i}" for i in range(count))
     outputs = ", ".join(f'"+f"(d[{i}])' for i in range(count))
-    if registers:
+    if a == "registers":
         kind, inputs = "const unsigned (&a)[4]", ", ".join(f'"r"(a[{r}])' for r in range(4))
-        a, b, turns = "{" + ",".join(f"%{count + r}" for r in range(4)) + "}", count + 4, f"{transposed:d}"
+        source, b, turns = "{" + ",".join(f"%{count + r}" for r in range(4)) + "}", count + 4, f"{transposed:d}"
     else:
-        kind, inputs, a, b, turns = "Tile a", '"l"(a)', f"%{count}", count + 1, f"1, {transposed:d}"
+        kind, inputs, source, b = "Tile a", '"l"(a)', f"%{count}", count + 1
+        turns = f"{a == 'columns':d}, {transposed:d}"
     return f"""auto {name} = [](real (&d)[{count}], {kind}, Tile b, int keep) {{
 asm volatile("{{.reg .pred p; setp.ne.b32 p, %{b + 1}, 0;\\n"
-    "wgmma.mma_async.sync.aligned.m64n{n}k16.f32.{element}.{element} {{{results}}}, {a}, %{b}, p, 1, 1, {turns};}}"
+    "wgmma.mma_async.sync.aligned.m64n{n}k16.f32.{element}.{element} {{{results}}}, {source}, %{b}, p, 1, 1, {turns};}}"
     : {outputs} : {inputs}, "l"(b), "r"(keep) : "memory"); }};
 """
 
@@ -98,7 +99,7 @@ def begin(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan) -> str:
             for p in range(-(-layout.k_pad // 64)):
                 place = layer.weights + p * panel + layout.n_pad * ROW
                 stores += f"if (threadIdx.x < 64u) reinterpret_cast<uint4*>(shared + {place})[threadIdx.x] = zero;\n"
-        if held >= MOST_HELD or layer.last:
+        if held >= MOST_HELD or layer is plan.layers[-1]:
             text += reads + stores
             reads, stores, held = "", "", 0
     one = ", ".join([ones_of(spec)] * 4)
@@ -129,14 +130,14 @@ def bias_value(spec: NetworkSpec, layout: LayerLayout) -> str:
 
 
 def forward(spec: NetworkSpec, plan: WarpgroupPlan, halves: bool) -> str:
-    """`(params, memory, x) -> z`, the last layer's pre-activations; keeps each layer's input. halves: x is float16."""
+    """`(params, memory, x, ...) -> z`, the last layer's pre-activations; keeps each layer's input. halves: x is float16."""
     final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
     inputs = save_inputs(spec, plan, halves)
     if k_pad < WIDTH:  # the column of ones; beyond 64 columns it lies elsewhere
         inputs += f"save_unit(unit(0, {k_pad // 8}), {', '.join([ones_of(spec)] * 4)});\n"
     layers = "".join(activate(spec, plan, index) for index in range(depth))
     return unrolled(f"""{enter(spec, plan)}
-{wgmma("multiply_hidden", spec, WIDTH, True, False)}{wgmma("multiply_last", spec, final.n_pad, True, False)}
+{wgmma("multiply_hidden", spec, WIDTH, "registers", False)}{wgmma("multiply_last", spec, final.n_pad, "registers", False)}
 {read_biases(plan, WIDTH)}{inputs}__syncwarp();
 unsigned a[2][{WIDTH // 16}][4];
 real d[2][{WIDTH // 2}], z[2][{final.n_pad // 2}];

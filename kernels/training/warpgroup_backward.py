@@ -10,7 +10,7 @@ from kernels.coopvec.fragments import unrolled
 from kernels.coopvec.spec import NetworkSpec
 from kernels.training.cuda_backward import take_dx
 from kernels.training.warpgroup import enter, wait, wgmma
-from kernels.training.warpgroup_plan import LAST_ROW, MAX_OUT, ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
+from kernels.training.warpgroup_plan import LAST_ROW, MAX_OUT, ROW, SAMPLES, SLOT, WIDTH, HopperPlan, WarpgroupPlan
 from kernels.training.wide_plan import WidePlan
 
 
@@ -18,7 +18,7 @@ def upper_layers(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
     """`(memory, sums, z, dy) -> sums`: dz of all layers, dW of all but the first two. All threads."""
     layers = "".join(backward_layer(spec, plan, index) for index in reversed(range(1, len(plan.layers))))
     gradients = "".join(weight_multiply(spec, plan, index) for index in range(2, len(plan.layers)))
-    return unrolled(f"""{enter(spec, plan)}{wgmma("multiply_back", spec, WIDTH, True, True)}{gradients}
+    return unrolled(f"""{enter(spec, plan)}{wgmma("multiply_back", spec, WIDTH, "registers", True)}{gradients}
 auto sum = sums;
 unsigned dz[2][{WIDTH // 16}][4];
 real dh[2][{WIDTH // 2}];
@@ -29,7 +29,7 @@ return sum;
 """)
 
 
-def start(spec: NetworkSpec, last_dz: int, tiles: int, bias_sums: int | None) -> str:
+def start(spec: NetworkSpec, last_dz: int, tiles: int, bias_sums: int) -> str:
     """The last layer's dz of each thread's own sample, to shared memory and `tiles` operands of this warp.
 
     bias_sums: the register for its sum over the warp: lane i has half of that of neuron i / 2.
@@ -57,7 +57,7 @@ __syncwarp();
 for (int m = 0; m < {tiles}; ++m)
     load(last + (m * 64 + row) * {LAST_ROW} + ((upper ^ (lane >> 2 & 1u)) << 4), dz[m][0]);
 publish();
-{"" if bias_sums is None else f"{halve}sum.c[{bias_sums}] += v[0];"} }}
+{halve}sum.c[{bias_sums}] += v[0]; }}
 """
 
 
@@ -72,7 +72,7 @@ commit();
 
 
 def weight_multiply(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
-    return wgmma(f"multiply_{index}", spec, plan.layers[index].columns, False, True)
+    return wgmma(f"multiply_{index}", spec, plan.layers[index].columns, "columns", True)
 
 
 def weight_products(plan: WarpgroupPlan, index: int) -> str:
@@ -95,14 +95,7 @@ def backward_layer(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
     if index > 1:
         before += f"begin_products();\n{weight_products(plan, index)}commit();\n"
         pending = (2, 2)
-    word = "pack(dh[m][8 * b + 2 * r], dh[m][8 * b + 2 * r + 1])"  # row half r % 2, columns 8 (2 b + r / 2) + 2 t
-    if spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
-        word += " & spread_signs(kept[b][r] + 0x7fff7fffu)"
-    elif spec.activation is leaky_relu:
-        values = (
-            f"dh[m][8 * b + 2 * r + {e}] * d_hidden({side}(kept[b][r]))" for e, side in enumerate(("low", "high"))
-        )
-        word = f"pack({', '.join(values)})"
+    word = back_word(spec, "dh[m][8 * b + 2 * r", "kept[b][r]")  # row half r % 2, columns 8 (2 b + r / 2) + 2 t
     return f"""{before}
 for (int m = 0; m < 2; ++m) {{
 unsigned kept[{WIDTH // 16}][4];
@@ -115,12 +108,22 @@ for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({plan.dz(index - 1)}, m, b
 """
 
 
+def back_word(spec: NetworkSpec, dh: str, kept: str) -> str:
+    """`dh]` and the next, times the slopes at the activations `kept`, as one register."""
+    low, high = f"{dh}]", f"{dh} + 1]"
+    if spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
+        return f"pack({low}, {high}) & spread_signs({kept} + 0x7fff7fffu)"
+    if spec.activation is leaky_relu:
+        return f"pack({low} * d_hidden(low({kept})), {high} * d_hidden(high({kept})))"
+    return f"pack({low}, {high})"
+
+
 def first_layer(spec: NetworkSpec, plan: WarpgroupPlan, input_gradient: bool) -> str:
     """`(memory, sums) -> sums`: dW of the first two layers; `input_gradient` leaves dx where x was. All threads."""
     k_pad, blocks = plan.layers[0].layout.k_pad, WIDTH // 16
     before = after = lambdas = ""
     if input_gradient:
-        lambdas = wgmma("multiply_back", spec, k_pad, True, True)
+        lambdas = wgmma("multiply_back", spec, k_pad, "registers", True)
         before = f"""unsigned dz[2][{blocks}][4];
 real dh[2][{k_pad // 2}];
 for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) load(matrices({plan.dz(0)}, m, b), dz[m][b]);
@@ -143,9 +146,9 @@ begin_products();
 """)
 
 
-def input_gradient(spec: NetworkSpec, enter: str, dtype: type) -> str:
+def input_gradient(spec: NetworkSpec, plan: HopperPlan, enter: str, dtype: type) -> str:
     """As `cuda_backward.input_gradient`. All threads. enter: what the text begins with."""
-    take = take_dx(spec.sizes[0], dtype, lambda u: f"unit(0, {u})")
+    take = take_dx(spec.sizes[0], dtype, lambda u: f"unit({plan.dx}, {u})")
     return unrolled(f"{enter}__syncwarp();\n{take}__syncwarp();\nreturn dx;\n")
 
 

@@ -56,7 +56,9 @@ class HopperPlan:
 
     lanes = 32  # of a warp, that have a sample
     reaches_input = True  # whether the gradient of the first layer is among those that a launch computes
+    dx = 0  # in an area: the slot for the gradient to the network's input
     threads = GROUPS * 128
+    lower = None  # another pass, for layers whose gradients this one does not compute
 
     @property
     def ones(self) -> int:

@@ -1,6 +1,6 @@
 """CUDA text of a fused training step by warpgroups for 128 neurons a layer, as `warpgroup`: the forward pass.
 
-A tile is 64 samples, of which each warp has 16 rows and as many of its lanes their own. ReLU's slopes are kept as bits.
+A tile is 64 samples, of which each warp has 16 rows and as many of its lanes their own.
 """
 
 from kernels.activations import linear, relu
@@ -18,7 +18,7 @@ from kernels.training.warpgroup import (
     wgmma,
 )
 from kernels.training.warpgroup_plan import ROW
-from kernels.training.wide_plan import MASKS, PANEL, WIDTH, WideLayer, WidePlan
+from kernels.training.wide_plan import PANEL, SLOT, WIDTH, UpperPlan, WideLayer, WidePlan
 
 BLOCKS = WIDTH // 16  # of inputs, in one product
 
@@ -31,25 +31,42 @@ const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.
 const unsigned ones = weights + {plan.ones}, areas = weights + {plan.areas}, area = areas + group * {plan.area};
 const unsigned first = (warp & 3u) * 16, upper = lane >> 4, row = first + (lane & 15u), own = row;
 const unsigned place = row * {ROW} + ((upper ^ (lane & 7u)) << 4);
-const unsigned masks = area + {plan.masks} + (threadIdx.x & 127u) * 8;
 auto unit = [&](unsigned slot, int u) {{
     return area + slot + u / 8 * {PANEL} + own * {ROW} + ((u % 8 ^ (lane & 7u)) << 4); }};
 auto matrices = [&](unsigned slot, int b) {{ return area + slot + b / 4 * {PANEL} + (place ^ (b % 4 << 5)); }};
 """
 
 
-def forward(spec: NetworkSpec, plan: WidePlan, halves: bool) -> str:
-    """As `warpgroup.forward`."""
+def keep(plan: UpperPlan) -> str:
+    """A lambda: this warp's rows of a slot, in so many panels, to slot `to` of the tile in memory."""
+    if not plan.kept:
+        return ""
+    return f"""auto keep = [&](unsigned slot, int panels, unsigned to) {{
+    const size_t tile = start / 64 + blockIdx.x * 2 + group;
+    uint4* const memory_of = reinterpret_cast<uint4*>(kept.data) + tile * {plan.kept * SLOT // 16} + to / 16;
+    __syncwarp();
+    for (int p = 0; p < panels; ++p) for (int i = 0; i < 4; ++i) {{
+        const unsigned at = p * {PANEL} + first * {ROW} + (32 * i + lane) * 16;
+        unsigned w[4];
+        load_unit(area + slot + at, w);
+        memory_of[at / 16] = make_uint4(w[0], w[1], w[2], w[3]);
+    }}
+    __syncwarp(); }};
+"""
+
+
+def forward(spec: NetworkSpec, plan: UpperPlan, halves: bool) -> str:
+    """As `warpgroup.forward`. The inputs of the layers before `plan.low` are kept in memory."""
     final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
     layers = "".join(forward_layer(spec, plan, index) for index in range(depth))
-    return unrolled(f"""{enter(spec, plan)}
-{wgmma("multiply_hidden", spec, 64, True, False)}{wgmma("multiply_last", spec, final.n_pad, True, False)}
+    return unrolled(f"""{enter(spec, plan)}{keep(plan)}
+{wgmma("multiply_hidden", spec, 64, "registers", False)}{wgmma("multiply_last", spec, final.n_pad, "registers", False)}
 {read_biases(plan, WIDTH)}if (lane < 16u) {{
 {save_inputs(spec, plan, halves)}}}
 __syncwarp();
 unsigned a[{BLOCKS}][4];
 for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, b), a[b]);
-{layers}
+{keep_input(plan, 0, 0)}{layers}
 real z[{final.n_pad // 2}];
 begin_products();
 for (int b = 0; b < {BLOCKS}; ++b) {{ const int half = 0; multiply_last(z, a[b], {weight_tile(plan.layers[-1])}, b); }}
@@ -58,7 +75,12 @@ commit();
 {save_results(plan, "z", "")}{read_results(plan)}""")
 
 
-def forward_layer(spec: NetworkSpec, plan: WidePlan, index: int) -> str:
+def keep_input(plan: UpperPlan, index: int, slot: int) -> str:
+    """That of layer `index`, which lies in `slot`, if the lower pass needs it."""
+    return f"keep({slot}, {plan.layers[index].panels}, {(plan.low - index) * SLOT});\n" if index < plan.low else ""
+
+
+def forward_layer(spec: NetworkSpec, plan: UpperPlan, index: int) -> str:
     """`a` becomes the input of the next layer, half of it while the other half is multiplied."""
     layer = plan.layers[index]
     values = "d[half][4 * j + 2 * h] + biases[j].x", "d[half][4 * j + 2 * h + 1] + biases[j].y"
@@ -66,17 +88,7 @@ def forward_layer(spec: NetworkSpec, plan: WidePlan, index: int) -> str:
         word = "pack_relu({}, {})"
     else:
         word = "pack({}, {})" if spec.activation is linear else "pack(hidden({}), hidden({}))"
-    keep = mask = ""
-    if index + 1 > plan.low and spec.activation is not linear:
-        # of two positive halves the sign bits are set; those of a leaky ReLU are negative or not
-        bits = "next[b][r] + 0x7fff7fffu" if spec.activation is relu else "~next[b][r]"
-        mask = f"""unsigned mask = 0u;
-for (int i = 0; i < 4; ++i) for (int r = 0; r < 4; ++r) {{
-    const int b = 4 * half + i; mask |= (({bits}) & 0x80008000u) >> (4 * i + r); }}
-asm volatile("st.shared.b32 [%0],%1;" :: "r"(masks + {index * MASKS} + 4 * half), "r"(mask) : "memory");
-"""
-    if index + 1 in plan.gradients:
-        keep = f"save(matrices({plan.h(index + 1)}, b), a[b]);"
+    slot = plan.spare if index + 1 < plan.low else plan.h(index + 1)
     return f"""{{ real d[2][32];
 begin_products();
 for (int half = 0; half < 2; ++half) {{
@@ -91,10 +103,10 @@ for (int j = 0; j < 8; ++j) biases[j] = read_biases({index}, 8 * half + j);
 if (half == 0) {{ {wait(1, "d[0]")} }} else {{ {wait(0, "d[1]")} }}
 for (int j = 0; j < 8; ++j) for (int h = 0; h < 2; ++h)
     next[4 * half + j / 2][j % 2 * 2 + h] = {word.format(*values)};
-{mask}}}
-for (int b = 0; b < {BLOCKS}; ++b) {{ for (int r = 0; r < 4; ++r) a[b][r] = next[b][r]; {keep} }}
 }}
-"""
+for (int b = 0; b < {BLOCKS}; ++b) {{ for (int r = 0; r < 4; ++r) a[b][r] = next[b][r]; save(matrices({slot}, b), a[b]); }}
+}}
+{keep_input(plan, index + 1, slot)}"""
 
 
 def weight_tile(layer: WideLayer) -> str:

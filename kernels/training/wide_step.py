@@ -1,0 +1,85 @@
+"""The kernel of the lower pass of a fused training step for 128 neurons a layer (see `wide_plan`)."""
+
+from functools import cache
+
+import warp as wp
+
+from kernels.coopvec.memory import make_store
+from kernels.coopvec.spec import NetworkSpec, Parameters
+from kernels.training import warpgroup, warpgroup_backward, wide, wide_backward, wide_lower
+from kernels.training.encoded import row_type
+from kernels.training.progress import Progress, batch_of
+from kernels.training.step import cuda_only, samples_of
+from kernels.training.wide_plan import SAMPLES, SLOT, LowerPlan
+
+
+def kept_words(plan: LowerPlan, blocks: int, batch: int) -> int:
+    """32-bit words of memory between the passes, for the samples of whole rounds."""
+    round = blocks * samples_of(plan)
+    return -(-batch // round) * round // SAMPLES * plan.kept * SLOT // 4
+
+
+@cache
+def make_lower_kernel(spec: NetworkSpec, plan: LowerPlan, by_rows: bool) -> wp.Kernel:
+    """After `make_gradient_kernel`, with the same dims and arguments, but for the data of samples."""
+    rows_of = row_type(spec.format)
+    vec_in, sums_type = wp.types.vector(spec.sizes[0], rows_of), wp.types.vector(plan.sums, wp.float32)
+    shared, lanes, per_round = wp.tile(dtype=wp.uint32, shape=(plan.words,)), plan.lanes, samples_of(plan)
+    words, store = plan.words, make_store(spec.sizes[0], rows_of)
+
+    @wp.func_native(cuda_only(warpgroup.begin(spec, plan)))
+    def begin(params: Parameters, memory: shared): ...
+
+    @wp.func_native(cuda_only(wide_lower.begin(spec, plan)))
+    def fetch(memory: shared, kept: wp.array[wp.uint32]): ...
+
+    @wp.func_native(cuda_only(wide_lower.layers(spec, plan, by_rows), "return sums;"))
+    def layers(
+        memory: shared, sums: sums_type, kept: wp.array[wp.uint32], next: int, inside: bool
+    ) -> sums_type: ...
+
+    dx_text = warpgroup_backward.input_gradient(spec, plan, wide.enter(spec, plan), rows_of)
+
+    @wp.func_native(cuda_only(dx_text, "return {};"))
+    def input_gradient(memory: shared) -> vec_in: ...
+
+    @wp.func_native(cuda_only(wide_backward.finish(plan)))
+    def finish(
+        memory: shared,
+        sums: sums_type,
+        loss: float,
+        partial: wp.array2d[float],
+        flags: wp.array[int],
+        parity: int,
+        add: bool,
+    ): ...
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=plan.threads)
+    def lower_kernel(
+        params: Parameters,
+        progress: Progress,
+        micro: int,
+        partial: wp.array2d[float],
+        rows: wp.array2d[rows_of],
+        kept: wp.array[wp.uint32],
+    ):
+        thread = wp.tid()
+        step = progress.counters[0]
+        batch = batch_of(progress, step)
+        memory = wp.tile_empty(shape=words, dtype=wp.uint32, storage="shared")
+        sums = sums_type()
+        stride = partial.shape[0] * per_round
+        lane = thread % 32
+        first = thread / 32 * wp.static(lanes) + lane
+        fetch(memory, kept)
+        begin(params, memory)
+        for start in range(0, batch, stride):
+            later = start + stride
+            sums = layers(memory, sums, kept, later, later < batch)
+            if wp.static(by_rows):
+                dx = input_gradient(memory)  # whole warps
+                if lane < wp.static(lanes) and start + first < batch:
+                    store(rows, start + first, dx)
+        finish(memory, sums, 0.0, partial, progress.flags, step % 2, micro > 0)
+
+    return lower_kernel
