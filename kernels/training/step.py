@@ -25,6 +25,7 @@ class Parts(NamedTuple):
     begin: Any
     forward: Any
     upper_layers: Any
+    begin_first_layer: Any
     first_layer: Any
     input_gradient: Any
     finish: Any
@@ -40,6 +41,7 @@ def make_texts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
             cuda.begin(spec, plan),
             cuda.forward(spec, plan),
             cuda_backward.upper_layers(spec, plan),
+            "return sums;",
             cuda_backward.first_layer(spec, plan, input_gradient),
             cuda_backward.input_gradient(spec, plan, x_type),
             cuda_finish.finish(plan),
@@ -49,7 +51,7 @@ def make_texts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
         warpgroup.begin(spec, plan),
         forward.forward(spec, plan, x_type is wp.float16),
         backward.upper_layers(spec, plan),
-        backward.first_layer(spec, plan, input_gradient),
+        *backward.first_layer(spec, plan, input_gradient),
         warpgroup_backward.input_gradient(spec, plan, forward.enter(spec, plan), x_type),
         backward.finish(plan),
     )
@@ -74,6 +76,9 @@ def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
         memory: shared, sums: sums, z: vec_out, dy: vec_out, kept: wp.array[wp.uint32], start: int
     ) -> sums: ...
 
+    @wp.func_native(cuda_only(texts.begin_first_layer, "return sums;"))
+    def begin_first_layer(memory: shared, sums: sums) -> sums: ...
+
     @wp.func_native(cuda_only(texts.first_layer, "return sums;"))
     def first_layer(memory: shared, sums: sums) -> sums: ...
 
@@ -91,7 +96,7 @@ def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
         add: bool,
     ): ...
 
-    return Parts(begin, forward, upper_layers, first_layer, dx, finish)
+    return Parts(begin, forward, upper_layers, begin_first_layer, first_layer, dx, finish)
 
 
 @cache
@@ -156,7 +161,7 @@ def make_gradient_kernel(
     writes_rows, lanes = by_rows and plan.reaches_input, plan.lanes
     parts = make_parts(spec, plan, vec_in._wp_scalar_type_, writes_rows)
     sums_type = wp.types.vector(plan.sums, wp.float32)
-    begin, forward, upper_layers, first_layer, input_gradient, finish = parts
+    begin, forward, upper_layers, begin_first_layer, first_layer, input_gradient, finish = parts
     input, results = make_input(encode, vec_in, by_rows), make_results(spec, loss)
     words, per_round, store = plan.words, samples_of(plan), make_store(spec.sizes[0], rows_of)
 
@@ -190,6 +195,7 @@ def make_gradient_kernel(
             value, dy = results(z, target, inside, scale)
             total += value
             sums = upper_layers(memory, sums, z, dy, kept, start)
+            sums = begin_first_layer(memory, sums)
             # the next sample, early: reading it may take as long as the first layer
             next_x, next_target = draw(progress, step, micro * batch + wp.min(i + stride, batch - 1), data)
             sums = first_layer(memory, sums)

@@ -38,21 +38,25 @@ auto matrices = [&](unsigned slot, int b) {{ return area + slot + b / 4 * {PANEL
 
 
 def keep(plan: UpperPlan) -> str:
-    """A lambda: this warp's rows of a slot, in so many panels, to slot `to` of the tile in memory."""
+    """A lambda: this warp's rows of a slot, in so many panels, to slot `to` of the tile in memory, under way."""
     if not plan.kept:
         return ""
     return f"""auto keep = [&](unsigned slot, int panels, unsigned to) {{
     const size_t tile = start / 64 + blockIdx.x * 2 + group;
-    uint4* const memory_of = reinterpret_cast<uint4*>(kept.data) + tile * {plan.kept * SLOT // 16} + to / 16;
+    char* const memory_of = reinterpret_cast<char*>(kept.data) + tile * {plan.kept * SLOT} + to + first * {ROW};
+    publish();
     __syncwarp();
-    for (int p = 0; p < panels; ++p) for (int i = 0; i < 4; ++i) {{
-        const unsigned at = p * {PANEL} + first * {ROW} + (32 * i + lane) * 16;
-        unsigned w[4];
-        load_unit(area + slot + at, w);
-        memory_of[at / 16] = make_uint4(w[0], w[1], w[2], w[3]);
+    if (lane == 0) {{
+        for (int p = 0; p < panels; ++p) asm volatile("cp.async.bulk.global.shared::cta.bulk_group [%0],[%1],{16 * ROW};"
+            :: "l"(memory_of + p * {PANEL}), "r"(area + slot + p * {PANEL} + first * {ROW}) : "memory");
+        asm volatile("cp.async.bulk.commit_group;" ::: "memory");
     }}
     __syncwarp(); }};
 """
+
+
+# before what is kept is overwritten
+READ = 'if (lane == 0) asm volatile("cp.async.bulk.wait_group.read 0;" ::: "memory");\n__syncwarp();\n'
 
 
 def forward(spec: NetworkSpec, plan: UpperPlan, halves: bool) -> str:
@@ -72,7 +76,7 @@ begin_products();
 for (int b = 0; b < {BLOCKS}; ++b) {{ const int half = 0; multiply_last(z, a[b], {weight_tile(plan.layers[-1])}, b); }}
 commit();
 {wait(0, "z")}
-{save_results(plan, "z", "")}{read_results(plan)}""")
+{READ if plan.kept else ""}{save_results(plan, "z", "")}{read_results(plan)}""")
 
 
 def keep_input(plan: UpperPlan, index: int, slot: int) -> str:
@@ -104,7 +108,10 @@ if (half == 0) {{ {wait(1, "d[0]")} }} else {{ {wait(0, "d[1]")} }}
 for (int j = 0; j < 8; ++j) for (int h = 0; h < 2; ++h)
     next[4 * half + j / 2][j % 2 * 2 + h] = {word.format(*values)};
 }}
-for (int b = 0; b < {BLOCKS}; ++b) {{ for (int r = 0; r < 4; ++r) a[b][r] = next[b][r]; save(matrices({slot}, b), a[b]); }}
+{READ if plan.kept and index + 1 == plan.low else ""}for (int b = 0; b < {BLOCKS}; ++b) {{
+    for (int r = 0; r < 4; ++r) a[b][r] = next[b][r];
+    save(matrices({slot}, b), a[b]);
+}}
 }}
 {keep_input(plan, index + 1, slot)}"""
 

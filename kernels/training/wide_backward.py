@@ -5,7 +5,7 @@ from kernels.coopvec.spec import NetworkSpec
 from kernels.training.warpgroup import wait, wgmma
 from kernels.training.warpgroup_backward import back_word, enter_finish, leave_last, put_last, start
 from kernels.training.warpgroup_plan import GROUPS, LAST_ROW, ROW
-from kernels.training.wide import BLOCKS, enter, keep
+from kernels.training.wide import BLOCKS, READ, enter, keep
 from kernels.training.wide_plan import PANEL, SAMPLES, SLOT, UpperPlan, WidePlan
 
 
@@ -95,8 +95,8 @@ def weight_products(plan: WidePlan, index: int) -> str:
 """
 
 
-def first_layer(spec: NetworkSpec, plan: UpperPlan, input_gradient: bool) -> str:
-    """`(memory, sums) -> sums`: dW of layer `low`; `input_gradient` (layer 0) leaves dx where x was. All threads."""
+def first_layer(spec: NetworkSpec, plan: UpperPlan, input_gradient: bool) -> tuple[str, str]:
+    """As `warpgroup_backward.first_layer`, of layer `low`."""
     k_pad = plan.layers[0].layout.k_pad
     before = after = lambdas = ""
     if input_gradient:
@@ -110,14 +110,19 @@ commit();
 """
         after = save_dx(plan)
     ready = ("sum.c", "dh") if input_gradient else ("sum.c",)
-    return unrolled(f"""{enter(spec, plan)}{lambdas}{weight_multiply(spec, plan, plan.low)}
+    begin = f"""{enter(spec, plan)}{weight_multiply(spec, plan, plan.low)}
 auto sum = sums;
-{before}__syncthreads();
+__syncthreads();
 begin_products();
 {weight_products(plan, plan.low)}commit();
-{wait(0, *ready)}__syncthreads();
+return sum;
+"""
+    rest = f"""{enter(spec, plan)}{lambdas}
+auto sum = sums;
+{before}{wait(0, *ready)}__syncthreads();
 {after}return sum;
-""")
+"""
+    return unrolled(begin), unrolled(rest)
 
 
 def input_tile(plan: WidePlan) -> str:
@@ -149,5 +154,5 @@ def finish(plan: WidePlan) -> str:
             row = f"group * 64u + place / 32u * 16u + g + {8 * h}"
             text += f"if (t == 0u) put({layer.bias_first} + {row}, sums.c[{i}]);\n"
         if layer.last:
-            text += f"__syncthreads();\n{leave_last(plan, 0, biases[0])}__syncthreads();\n{put_last(plan, 0)}"
+            text += f"{READ if plan.kept else ''}__syncthreads();\n{leave_last(plan, 0, biases[0])}__syncthreads();\n{put_last(plan, 0)}"
     return unrolled(enter_finish(plan, checked) + text)
