@@ -70,15 +70,6 @@ MAPS = "This shader's maps hold little more: learning displayed error alone ends
 ONE_BY_ONE = (
     "One input a network: the latency of the weights of 32 networks a warp. Tried: prefetching them (2.0 to 5.3)."
 )
-PASSES = (
-    "Registers hold the gradient of one layer of 128 neurons beside the vectors: three passes take 15 products of a"
-    " layer where one would take 9, and two warps a scheduler wait for each other. Tried: two layers a pass (the"
-    " compiler then runs `wgmma` one by one); halves of a layer in turn, and no rows for idle lanes (-16% together)."
-)
-GRID = (
-    "13 of 16 levels add to memory at the rate of L2's reductions, 10 us each. The update of 11 million parameters took"
-    " 0.2 of 0.485 ms: its groups lay in local memory. They do not any more, which was not measured yet."
-)
 TWO_PATHS = "NVRTC compiles two paths: for whole warps, and for warps with missing lanes or several networks."
 FIRST_CALL = ("compile", "inference, 3x64", "cold")
 
@@ -161,7 +152,6 @@ def step_goals() -> list[Goal]:
             part, words = (1.0, "") if name in training.ENCODINGS else (0.5, "half of ")
             text = f"a step, {name}, {batch:,} samples, {words}tiny-cuda-nn's {ms}"
             where = {"most": True, "unit": "ms", "kernel": f"train {name}, gradient"}
-            where["why"] = GRID if name == "hash grid" else PASSES if name == "3x128" else ""
             goals.append(Goal("C", text, "training", f"{name}, {batch:,}", "step", part * ms, **where))
     for row, whose, ms in training.OTHERS:
         text = f"a step, {row} samples, {whose}: {ms}"

@@ -49,10 +49,11 @@ class Trainer:
     Parameters of an encoding that is `sparse`, a hash grid, rest in steps that do not reach them; averages go on.
 
     One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
-    of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8. On Hopper one to
-    three layers of 128 take as many such kernels, which all draw the same samples. Other networks train through the
-    adjoint of the loss. Two runs with the same seed end alike bit for bit on one device, except, on CUDA, those that
-    add to memory atomically: networks that are not `fused`, and encodings with parameters.
+    of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8. On Hopper so are
+    networks of one to three layers of 128, which from two on take another kernel and up to 768 bytes of memory a
+    sample. Other networks train through the adjoint of the loss. Two runs with the same seed end alike bit for bit on
+    one device, except, on CUDA, those that add to memory atomically: networks that are not `fused`, and encodings with
+    parameters.
     """
 
     def __init__(

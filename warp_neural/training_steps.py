@@ -127,16 +127,20 @@ class LeafSteps:
             self.adjoint_kernel = make_rows_kernel(sample, make_adjoint_row(*which), leaf, format)
         if self.crowded:
             self.crowd_kernel = make_crowd_kernel(sample, *which)
+            self.aside = wp.Stream(self.device)
 
     def encode(self, inputs: list) -> None:
         self._launch(self.encode_kernel, self.threads, [*inputs, self.rows], TILE)
 
     def adjoint(self, inputs: list) -> None:
-        if self.crowded:
+        if self.crowded:  # side by side: one is held up by shared memory, the other by L2
             blocks = self.device.sm_count
-            self._launch(self.crowd_kernel, blocks * CROWD_TILE, [*inputs, blocks, self.rows], CROWD_TILE)
+            with wp.ScopedStream(self.aside):
+                self._launch(self.crowd_kernel, blocks * CROWD_TILE, [*inputs, blocks, self.rows], CROWD_TILE)
         if self.trains:
             self._launch(self.adjoint_kernel, self.threads, [*inputs, self.rows], TILE)
+        if self.crowded:
+            self.device.stream.wait_stream(self.aside)
 
     def _launch(self, kernel: wp.Kernel, dim: int, inputs: list, block_dim: int) -> None:
         wp.launch(kernel, dim, inputs, device=self.device, block_dim=block_dim, record_tape=False)

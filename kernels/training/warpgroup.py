@@ -130,15 +130,18 @@ def bias_value(spec: NetworkSpec, layout: LayerLayout) -> str:
 
 
 def forward(spec: NetworkSpec, plan: WarpgroupPlan, halves: bool) -> str:
-    """`(params, memory, x, ...) -> z`, the last layer's pre-activations; keeps each layer's input. halves: x is float16."""
+    """`(params, memory, x, kept, start) -> z`, the last layer's pre-activations; keeps each layer's input.
+
+    halves: x is float16. kept, start: of networks of 128 neurons, memory and the first sample of a round.
+    """
     final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
     inputs = save_inputs(spec, plan, halves)
     if k_pad < WIDTH:  # the column of ones; beyond 64 columns it lies elsewhere
         inputs += f"save_unit(unit(0, {k_pad // 8}), {', '.join([ones_of(spec)] * 4)});\n"
     layers = "".join(activate(spec, plan, index) for index in range(depth))
-    return unrolled(f"""{enter(spec, plan)}
-{wgmma("multiply_hidden", spec, WIDTH, "registers", False)}{wgmma("multiply_last", spec, final.n_pad, "registers", False)}
-{read_biases(plan, WIDTH)}{inputs}__syncwarp();
+    multiply = wgmma("multiply_hidden", spec, WIDTH, "registers", False)
+    multiply += wgmma("multiply_last", spec, final.n_pad, "registers", False)
+    return unrolled(f"""{enter(spec, plan)}{multiply}{read_biases(plan, WIDTH)}{inputs}__syncwarp();
 unsigned a[2][{WIDTH // 16}][4];
 real d[2][{WIDTH // 2}], z[2][{final.n_pad // 2}];
 for (int m = 0; m < 2; ++m) for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, m, b), a[m][b]);

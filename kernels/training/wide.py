@@ -47,15 +47,17 @@ def keep(plan: UpperPlan) -> str:
     publish();
     __syncwarp();
     if (lane == 0) {{
-        for (int p = 0; p < panels; ++p) asm volatile("cp.async.bulk.global.shared::cta.bulk_group [%0],[%1],{16 * ROW};"
-            :: "l"(memory_of + p * {PANEL}), "r"(area + slot + p * {PANEL} + first * {ROW}) : "memory");
+        const unsigned from = area + slot + first * {ROW};
+        for (int p = 0; p < panels; ++p)
+            asm volatile("cp.async.bulk.global.shared::cta.bulk_group [%0],[%1],{16 * ROW};"
+                :: "l"(memory_of + p * {PANEL}), "r"(from + p * {PANEL}) : "memory");
         asm volatile("cp.async.bulk.commit_group;" ::: "memory");
     }}
     __syncwarp(); }};
 """
 
 
-# before what is kept is overwritten
+# before a slot is written again of which `keep` took a copy
 READ = 'if (lane == 0) asm volatile("cp.async.bulk.wait_group.read 0;" ::: "memory");\n__syncwarp();\n'
 
 
@@ -63,9 +65,9 @@ def forward(spec: NetworkSpec, plan: UpperPlan, halves: bool) -> str:
     """As `warpgroup.forward`. The inputs of the layers before `plan.low` are kept in memory."""
     final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
     layers = "".join(forward_layer(spec, plan, index) for index in range(depth))
-    return unrolled(f"""{enter(spec, plan)}{keep(plan)}
-{wgmma("multiply_hidden", spec, 64, "registers", False)}{wgmma("multiply_last", spec, final.n_pad, "registers", False)}
-{read_biases(plan, WIDTH)}if (lane < 16u) {{
+    multiply = wgmma("multiply_hidden", spec, 64, "registers", False)
+    multiply += wgmma("multiply_last", spec, final.n_pad, "registers", False)
+    return unrolled(f"""{enter(spec, plan)}{keep(plan)}{multiply}{read_biases(plan, WIDTH)}if (lane < 16u) {{
 {save_inputs(spec, plan, halves)}}}
 __syncwarp();
 unsigned a[{BLOCKS}][4];
@@ -76,7 +78,7 @@ begin_products();
 for (int b = 0; b < {BLOCKS}; ++b) {{ const int half = 0; multiply_last(z, a[b], {weight_tile(plan.layers[-1])}, b); }}
 commit();
 {wait(0, "z")}
-{READ if plan.kept else ""}{save_results(plan, "z", "")}{read_results(plan)}""")
+{save_results(plan, "z", "")}{read_results(plan)}""")
 
 
 def keep_input(plan: UpperPlan, index: int, slot: int) -> str:

@@ -154,5 +154,6 @@ def finish(plan: WidePlan) -> str:
             row = f"group * 64u + place / 32u * 16u + g + {8 * h}"
             text += f"if (t == 0u) put({layer.bias_first} + {row}, sums.c[{i}]);\n"
         if layer.last:
-            text += f"{READ if plan.kept else ''}__syncthreads();\n{leave_last(plan, 0, biases[0])}__syncthreads();\n{put_last(plan, 0)}"
+            text += f"__syncthreads();\n{leave_last(plan, 0, biases[0])}__syncthreads();\n{put_last(plan, 0)}"
+            text += READ if plan.kept else ""
     return unrolled(enter_finish(plan, checked) + text)

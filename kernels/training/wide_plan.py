@@ -105,8 +105,8 @@ class LowerPlan(WidePlan):
 
 @dataclass(frozen=True)
 class UpperPlan(WidePlan):
-    """An area has slots for the inputs of the last two layers, the spare one, and dz of the last. lower: the pass for the layers
-    before `low`."""
+    """An area has slots for the inputs of the last two layers, the spare one, and dz of the last. lower: the pass for
+    the layers before `low`."""
 
     lower: LowerPlan | None
     spare = 2 * SLOT

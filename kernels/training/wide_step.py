@@ -34,9 +34,7 @@ def make_lower_kernel(spec: NetworkSpec, plan: LowerPlan, by_rows: bool) -> wp.K
     def fetch(memory: shared, kept: wp.array[wp.uint32]): ...
 
     @wp.func_native(cuda_only(wide_lower.layers(spec, plan, by_rows), "return sums;"))
-    def layers(
-        memory: shared, sums: sums_type, kept: wp.array[wp.uint32], next: int, inside: bool
-    ) -> sums_type: ...
+    def layers(memory: shared, sums: sums_type, kept: wp.array[wp.uint32], next: int, inside: bool) -> sums_type: ...
 
     dx_text = warpgroup_backward.input_gradient(spec, plan, wide.enter(spec, plan), rows_of)
 
