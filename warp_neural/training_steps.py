@@ -29,7 +29,7 @@ from kernels.training.step import FusedPlan, make_gradient_kernel, samples_of
 from kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
 from kernels.training.warpgroup_plan import make_warpgroup_plan
 from kernels.training.wide_plan import make_wide_plan
-from kernels.training.wide_step import kept_words, make_lower_kernel
+from kernels.training.wide_step import kept_units, make_lower_kernel
 from warp_neural.network import MLP
 from warp_neural.training_layout import fragment_order, packed_targets
 
@@ -111,30 +111,30 @@ def load_for(kernel: wp.Kernel, plan: FusedPlan, device: wp.Device) -> None:
 
 
 class LeafSteps:
-    """The launches between the inputs and the results of one leaf of an encoding, which lie in `rows`."""
+    """The launches between the inputs and the results of one leaf of an encoding, which lie in `rows`. aside: another
+    stream for what can run beside the rest."""
 
-    def __init__(self, leaf: Leaf, net: MLP, sample: wp.Function, rows: wp.array):
+    def __init__(self, leaf: Leaf, net: MLP, sample: wp.Function, rows: wp.array, aside: wp.Stream):
         n_in, shares, item = len(leaf.inputs), leaf.encoding.shares, rows.strides[1]
         n, format, self.device = leaf.encoding.n_out(n_in) // shares, net.spec.format, rows.device
         which = leaf, net.vec_in, net.encoding_start + leaf.parameter, format
         shape, strides = (rows.shape[0], shares, n), (rows.strides[0], n * item, item)
         first = rows.ptr + leaf.result * item
         self.rows = wp.array(ptr=first, shape=shape, strides=strides, dtype=rows.dtype, device=rows.device)
-        self.threads = threads_of(leaf, rows.shape[0])
+        self.threads, self.aside = threads_of(leaf, rows.shape[0]), aside
         self.trains, self.crowded = leaf.encoding.n_parameters(n_in) > 0, leaf.encoding.crowded(n_in) > 0
         self.encode_kernel = make_rows_kernel(sample, make_encode_row(*which), leaf, format)
         if self.trains:
             self.adjoint_kernel = make_rows_kernel(sample, make_adjoint_row(*which), leaf, format)
         if self.crowded:
             self.crowd_kernel = make_crowd_kernel(sample, *which)
-            self.aside = wp.Stream(self.device)
 
     def encode(self, inputs: list) -> None:
         self._launch(self.encode_kernel, self.threads, [*inputs, self.rows], TILE)
 
     def adjoint(self, inputs: list) -> None:
         if self.crowded:  # side by side: one is held up by shared memory, the other by L2
-            blocks = self.device.sm_count
+            blocks = min(self.device.sm_count, -(-self.rows.shape[0] // CROWD_TILE))
             with wp.ScopedStream(self.aside):
                 self._launch(self.crowd_kernel, blocks * CROWD_TILE, [*inputs, blocks, self.rows], CROWD_TILE)
         if self.trains:
@@ -164,16 +164,20 @@ class FusedCuda(Steps):
         load_for(self.kernel, plan, device)
         shape, format = (batch if self.by_rows else 0, net.spec.sizes[0]), net.spec.format
         self.rows = wp.zeros(shape, dtype=row_type(format), device=device)
-        leaves = net.encoding.leaves(net.n_in) if self.by_rows else []
-        self.leaves = [LeafSteps(leaf, net, sample, self.rows) for leaf in leaves]
+        self.leaves = []
+        if self.by_rows:
+            self.aside = wp.Stream(device)
+            self.leaves = [
+                LeafSteps(leaf, net, sample, self.rows, self.aside) for leaf in net.encoding.leaves(net.n_in)
+            ]
         self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, plan)
         blocks = min(device.sm_count, -(-batch // samples_of(plan)))  # one on each multiprocessor
         kept = 0
         if plan.lower:
             self.lower_kernel = make_lower_kernel(net.spec, plan.lower, self.by_rows)
             load_for(self.lower_kernel, plan, device)
-            kept = kept_words(plan.lower, blocks, batch)
-        self.kept = wp.empty(kept, dtype=wp.uint32, device=device)
+            kept = kept_units(plan.lower, blocks, batch)
+        self.kept = wp.empty(kept, dtype=wp.vec4ui, device=device)
         self.partial = wp.zeros((blocks, plan.slice), dtype=float, device=device)
         self.order = wp.array(fragment_order(plan), dtype=int, device=device)
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
@@ -196,11 +200,14 @@ class FusedCuda(Steps):
     def update(self) -> None:
         net = self.net
         if self.by_rows:
-            self.update_from(net.encoding_start, last=False)
+            with wp.ScopedStream(self.aside):
+                self.update_from(net.encoding_start, last=False)
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
         block = update_block(self.plan)
         dim = -(-(self.plan.floats + 1) // COLUMNS) * block
         self._launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block)
+        if self.by_rows:
+            net.device.stream.wait_stream(self.aside)
 
     def gathered(self) -> np.ndarray:
         gradient = super().gathered()  # of the encoding

@@ -69,11 +69,11 @@ def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
     def begin(params: Parameters, memory: shared): ...
 
     @wp.func_native(cuda_only(texts.forward, "return {};"))
-    def forward(params: Parameters, memory: shared, x: vec_in, kept: wp.array[wp.uint32], start: int) -> vec_out: ...
+    def forward(params: Parameters, memory: shared, x: vec_in, kept: wp.array[wp.vec4ui], start: int) -> vec_out: ...
 
     @wp.func_native(cuda_only(texts.upper_layers, "return sums;"))
     def upper_layers(
-        memory: shared, sums: sums, z: vec_out, dy: vec_out, kept: wp.array[wp.uint32], start: int
+        memory: shared, sums: sums, z: vec_out, dy: vec_out, kept: wp.array[wp.vec4ui], start: int
     ) -> sums: ...
 
     @wp.func_native(cuda_only(texts.begin_first_layer, "return sums;"))
@@ -154,7 +154,7 @@ def make_gradient_kernel(
     block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
 
     encode: an encoding without parameters. by_rows: x is row i of `rows` instead, which then holds its gradient. kept:
-    what `make_lower_kernel` needs, words (`kept_words`).
+    what `make_lower_kernel` needs (`kept_units`).
     """
     draw, data, rows_of = make_draw(sample), data_type(sample), row_type(spec.format)
     vec_in = wp.types.vector(spec.sizes[0], rows_of if by_rows else wp.float32 if encode else spec.dtype)
@@ -173,7 +173,7 @@ def make_gradient_kernel(
         micro: int,
         partial: wp.array2d[float],
         rows: wp.array2d[rows_of],
-        kept: wp.array[wp.uint32],
+        kept: wp.array[wp.vec4ui],
     ):
         thread = wp.tid()
         step = progress.counters[0]

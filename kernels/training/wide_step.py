@@ -13,10 +13,10 @@ from kernels.training.step import cuda_only, samples_of
 from kernels.training.wide_plan import SAMPLES, SLOT, LowerPlan
 
 
-def kept_words(plan: LowerPlan, blocks: int, batch: int) -> int:
-    """32-bit words of memory between the passes, for the samples of whole rounds."""
+def kept_units(plan: LowerPlan, blocks: int, batch: int) -> int:
+    """Memory between the passes, for the samples of whole rounds, in 16 bytes."""
     round = blocks * samples_of(plan)
-    return -(-batch // round) * round // SAMPLES * plan.kept * SLOT // 4
+    return -(-batch // round) * round // SAMPLES * plan.kept * SLOT // 16
 
 
 @cache
@@ -31,10 +31,10 @@ def make_lower_kernel(spec: NetworkSpec, plan: LowerPlan, by_rows: bool) -> wp.K
     def begin(params: Parameters, memory: shared): ...
 
     @wp.func_native(cuda_only(wide_lower.begin(spec, plan)))
-    def fetch(memory: shared, kept: wp.array[wp.uint32]): ...
+    def fetch(memory: shared, kept: wp.array[wp.vec4ui]): ...
 
     @wp.func_native(cuda_only(wide_lower.layers(spec, plan, by_rows), "return sums;"))
-    def layers(memory: shared, sums: sums_type, kept: wp.array[wp.uint32], next: int, inside: bool) -> sums_type: ...
+    def layers(memory: shared, sums: sums_type, kept: wp.array[wp.vec4ui], next: int, inside: bool) -> sums_type: ...
 
     dx_text = warpgroup_backward.input_gradient(spec, plan, wide.enter(spec, plan), rows_of)
 
@@ -59,7 +59,7 @@ def make_lower_kernel(spec: NetworkSpec, plan: LowerPlan, by_rows: bool) -> wp.K
         micro: int,
         partial: wp.array2d[float],
         rows: wp.array2d[rows_of],
-        kept: wp.array[wp.uint32],
+        kept: wp.array[wp.vec4ui],
     ):
         thread = wp.tid()
         step = progress.counters[0]
