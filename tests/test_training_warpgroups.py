@@ -14,6 +14,7 @@ from kernels.training.warpgroup_plan import make_warpgroup_plan
 from kernels.training.wide_plan import make_wide_plan
 from kernels.training.wide_step import make_lower_kernel
 from warp_neural import activations, encodings
+from warp_neural.optim import SGD
 from warp_neural.training_layout import fragment_order
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
@@ -54,6 +55,15 @@ def test_gradient_with_an_encoding(device, width, depth, encoding):
     assert error(fused, general) < 5e-3  # float16 rounds dz and what lies between the layers, 5e-4 each
     if encoding.n_parameters(2):
         assert error(fused[net.encoding_start :], general[net.encoding_start :]) < 1e-2
+
+
+@pytest.mark.parametrize("width, depth", [(64, 2), (128, 2), (128, 3)])
+def test_batches_grow_and_add_up(device, width, depth):
+    net = random_biases(wn.MLP(5, 3, width, depth, device=device, precision="float16"))
+    run, x, target = trainer(net, 2000, batch=[300, 1000], batches=2, optimizer=SGD(lr=0.0))
+    for n in (600, 2000):
+        assert error(run.gradient()[: net.n_parameters], true_gradient(net, x[:n], target[:n])) < 1e-2
+        run.run(1, quiet=True)
 
 
 def plan_of(spec: NetworkSpec):
