@@ -69,7 +69,7 @@ def steps(result: Result):
     ax.set(title=f"One training step\n{result.machine['device']}", xlabel="ms", xscale="log")
     ax.invert_yaxis()
     ax.grid(axis="x", which="both", alpha=0.3)
-    ax.legend(fontsize=8)
+    canvas.legend(loc="outside lower center", ncols=4, fontsize=8)
     return canvas
 
 
