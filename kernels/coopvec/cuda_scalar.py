@@ -18,6 +18,43 @@ auto add = [](real* p, real v) { asm volatile("red.global.add.f32 [%0],%1;" :: "
 """
 
 
+# of a whole warp's samples: lane l adds up column l of 32, to add it to memory once instead of 32 times
+SUMS = """
+struct Sums {
+static __device__ __noinline__ void add(const real* h, const real* dz, int k, int n, real* weights, real* biases) {
+    auto add = [](real* p, real v) { asm volatile("red.global.add.f32 [%0],%1;" :: "l"(p), "f"(v) : "memory"); };
+    const int lane = threadIdx.x & 31;
+    for (int first = 0; first < k; first += 32) {
+        real v[32];  // this lane's sample; then of sample i, transposed
+        #pragma unroll
+        for (int i = 0; i < 32; ++i) v[i] = first + i < k ? h[first + i] : 0.0f;
+        #pragma unroll
+        for (int bit = 16; bit > 0; bit /= 2)
+        #pragma unroll
+        for (int i = 0; i < 32; ++i) if (!(i & bit)) {
+            const bool high = lane & bit;
+            const real other = __shfl_xor_sync(0xffffffffu, high ? v[i] : v[i | bit], bit);
+            if (high) v[i] = other; else v[i | bit] = other;
+        }
+        for (int row = 0; row < n; ++row) {
+            const real mine = dz[row];
+            real w = 0.0f, b = 0.0f;
+            #pragma unroll
+            for (int i = 0; i < 32; ++i) {
+                const real d = __shfl_sync(0xffffffffu, mine, i);
+                w = fmaf(d, v[i], w);
+                b += d;
+            }
+            if (first + lane < k) add(weights + row * k + first + lane, w);
+            if (first + lane == 0) add(biases + row, b);
+        }
+    }
+} };
+const bool together = __activemask() == 0xffffffffu && __all_sync(0xffffffffu, gradient
+    && __shfl_sync(0xffffffffu, reinterpret_cast<size_t>(gradient), 0) == reinterpret_cast<size_t>(gradient));
+"""
+
+
 def conversions(spec: NetworkSpec) -> str:
     """Lambdas: decode and encode of the format, `round_value` to it, `round_half`."""
     return f"""using real = wp::float32; using integer = wp::int32;
@@ -151,8 +188,11 @@ return result;
 """
 
 
-def adjoint(spec: NetworkSpec) -> str:
-    """Adds to `adj_x` and to the gradient of the master parameters; `adj_ret` is the gradient of the result."""
+def adjoint(spec: NetworkSpec, warps: bool) -> str:
+    """Adds to `adj_x` and to the gradient of the master parameters; `adj_ret` is the gradient of the result.
+
+    warps: whole warps may arrive with one network, and then sum their gradients first.
+    """
     layers, _ = network_layout(spec, True)
     final = len(layers) - 1
     text = f"""{{ {run_layers(spec)}
@@ -161,6 +201,7 @@ auto d_last = [](real z) -> real {{ return {spec.output_activation.derivative}; 
 {ADD}
 real* gradient = params.master.grad;
 if (gradient) gradient += static_cast<size_t>(params.network) * {spec.n_parameters};
+{SUMS if warps else "constexpr bool together = false;"}
 real dz{final}[{spec.sizes[-1]}];
 #pragma unroll 4
 for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(adj_ret.c[n]) * d_last(z{final}[n]);
@@ -170,6 +211,7 @@ for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(adj_
         # INT8 multiplies integers: back to their values
         input_step = f"1.0f / __uint_as_float(__ldg(net + {layer.scales}))" if spec.format is INT8 else "1.0f"
         product_step = f"__uint_as_float(__ldg(net + {layer.scales + 1}))" if spec.format is INT8 else "1.0f"
+        sums = f"if (together) Sums::add(h, dz{i}, {layer.k}, {layer.n}, weights_of, biases_of);\n" if warps else ""
         text += f"""real dh{i}[{layer.k_pad}];
 {{ real h[{layer.k_pad}];
 const real input_step = {input_step}, weight_step = {product_step} / input_step;
@@ -177,12 +219,14 @@ const real input_step = {input_step}, weight_step = {product_step} / input_step;
 for (int k = 0; k < {layer.k_pad}; ++k) dh{i}[k] = h[k] = 0.0f;
 #pragma unroll 4
 for (int k = 0; k < {layer.k}; ++k) h[k] = {layer_input(spec, i)} * input_step;
-int n = 0;
+real* const weights_of = gradient + {layer.master};
+real* const biases_of = weights_of + {layer.n * layer.k};
+{sums}int n = 0;
 do {{
 const real dz = dz{i}[n];
-if (gradient) {{
-    add(gradient + {layer.master + layer.n * layer.k} + n, dz);
-    for (int k = 0; k < {layer.k}; ++k) add(gradient + {layer.master} + n * {layer.k} + k, dz * h[k]);
+if (gradient && !together) {{
+    add(biases_of + n, dz);
+    for (int k = 0; k < {layer.k}; ++k) add(weights_of + n * {layer.k} + k, dz * h[k]);
 }}
 {read_row(spec, layer, f"dh{i}[k] = fmaf(dz * weight_step, w, dh{i}[k]);")}
 }} while (++n < {layer.n}); }}

@@ -5,26 +5,25 @@
 First the course's small network in all three implementations, from the same weights on the same points. Then the
 lecture's benchmark (speed-up there: over 3), a neural texture that learns a picture of 113 MB, or any given. `float32`
 and `float16` do a whole step in one kernel; `unfused` only has the network in cooperative vectors, in the kernels that
-`per_thread` uses, so it alone shows what they bring. On CUDA float32 networks are not fused, and use no tensor cores.
+`per_thread` uses, so it alone shows what they bring. On CUDA float32 networks are not fused, and use no tensor cores;
+whole warps sum their gradients, though, where each thread of `per_thread` adds its own to memory.
 
 Milliseconds are of whole steps: samples, loss, gradients, optimizer. PSNR is that of 2^18 random pixels as 8-bit sRGB.
 The short runs of all versions end alike; the long ones compare a float16 network with a float32 one.
 
 Sizes depend on the device: the CPU has a 256 x 256 texture, 4,096 pixels a step and 2,000 steps, which sees a fifth of
-the picture's pixels once: expect blurred crops there. CUDA has 1024 x 1024, 16,384 and as many of those 2,000 steps as
-float32 takes in 15 seconds: there its gradients are atomic additions to the same addresses, as those of `per_thread`.
+the picture's pixels once: expect blurred crops there. CUDA has 1024 x 1024, 16,384 and as many steps.
 
 On one CPU core: the small network takes 1.78 (per thread), 0.84 (tiled) and 0.10 ms a step (cooperative), and
 ends within 1e-6 of the same results; the texture 228 (per thread), 11.1 (unfused), 5.6 (float32) and 4.6 ms (float16).
 After 2,000 steps float32 and float16 are both at 23.90 dB.
 
-On an H200 the small network takes 0.44 (per thread), 0.16 (tiled) and 0.02 ms a step (cooperative), and ends within
-0.001 of the same results; the texture 8.5 (per thread), 0.26 (unfused), 8.1 (float32) and 0.16 ms (float16). After
-1,803 steps float32 and float16 are both at 28.01 dB.
+On an H200 the small network takes 0.45 (per thread), 0.16 (tiled) and 0.012 ms a step (cooperative), and ends within
+0.001 of the same results; the texture 8.1 (per thread), 0.20 (unfused), 0.43 (float32) and 0.089 ms (float16). After
+2,000 steps float32 and float16 are both at 28.19 dB.
 """
 
 import json
-import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -63,15 +62,13 @@ class Config(CommonConfig):
     """steps of the short runs, of all versions; none: 32 on the CPU, 64 on CUDA"""
     steps: int = 2000
     """steps of the long runs, of float32 and float16"""
-    seconds: float | None = None
-    """what a long run may take: both have fewer steps if need be; none: any time on the CPU, 15 on CUDA"""
 
 
 def main(config: Config) -> dict:
     began = time.perf_counter()
     device = cli.resolve_device(config.device)
     cuda = device.is_cuda
-    short, seconds = config.short or (64 if cuda else 32), config.seconds or (15 if cuda else math.inf)
+    short = config.short or (64 if cuda else 32)
     size = Size(config.latents or (1024 if cuda else 256), config.batch or (16384 if cuda else 4096))
     small_batch = config.small_batch or (4096 if cuda else 1024)
     check(config, {"small_steps": config.small_steps, "short": short, "steps": config.steps}, device)
@@ -84,10 +81,9 @@ def main(config: Config) -> dict:
     for name, version in VERSIONS.items():
         net, step = train(version, size, short, pixels, config.seed, config.json)
         metrics |= {f"texture_milliseconds_{name}": 1e3 * step, f"texture_psnr_short_{name}": psnr(net, picture)}
-    crops, slowest = [], max(metrics[f"texture_milliseconds_{name}"] for name in LONG) / 1e3
-    steps = int(min(config.steps, max(seconds / slowest, warm_up(device) + 1)))
+    crops = []
     for name in LONG:
-        net, step = train(VERSIONS[name], size, steps, pixels, config.seed, config.json)
+        net, step = train(VERSIONS[name], size, config.steps, pixels, config.seed, config.json)
         metrics |= {f"texture_milliseconds_{name}": 1e3 * step, f"texture_psnr_{name}": psnr(net, picture)}
         reference, learned = crop(net, picture, 512)
         crops.append(learned)
@@ -100,8 +96,9 @@ def main(config: Config) -> dict:
         "texture_milliseconds_"
     )
     save_times(config.out / "times.png", {title: starting(metrics, prefix) for title, prefix in charts.items()})
-    metrics |= {"picture_megabytes": picture.nbytes / 1e6, "latents": size.latents, "batch": size.batch, "steps": steps}
-    metrics |= {"device": device.name if cuda else "cpu", "seconds_total": time.perf_counter() - began}
+    metrics |= {"picture_megabytes": picture.nbytes / 1e6, "latents": size.latents, "batch": size.batch}
+    metrics |= {"steps": config.steps, "device": device.name if cuda else "cpu"}
+    metrics |= {"seconds_total": time.perf_counter() - began}
     return metrics
 
 
@@ -109,7 +106,7 @@ def check(config: Config, runs: dict[str, int], device: wp.Device) -> None:
     for option, steps in runs.items():
         if steps <= warm_up(device):
             raise InputError(f"--{option.replace('_', '-')} {steps}: give more than the {warm_up(device)} to warm up")
-    for option in ("side", "small_batch", "latents", "batch", "seconds"):
+    for option in ("side", "small_batch", "latents", "batch"):
         value = getattr(config, option)
         if value is not None and value < 1:
             raise InputError(f"--{option.replace('_', '-')} {value}: give at least 1")
