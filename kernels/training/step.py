@@ -85,7 +85,14 @@ def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
     @wp.func_native(cuda_only(texts.input_gradient, "return {};"))
     def dx(memory: shared) -> vec_in: ...
 
-    @wp.func_native(cuda_only(texts.finish))
+    finish = make_finish(texts.finish, shared, sums)
+    return Parts(begin, forward, upper_layers, begin_first_layer, first_layer, dx, finish)
+
+
+def make_finish(text: str, shared: Any, sums: type) -> wp.Function:
+    """What a block leaves in its row of `partial`; a flag if it is not finite. shared, sums: types of its memory."""
+
+    @wp.func_native(cuda_only(text))
     def finish(
         memory: shared,
         sums: sums,
@@ -96,7 +103,7 @@ def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
         add: bool,
     ): ...
 
-    return Parts(begin, forward, upper_layers, begin_first_layer, first_layer, dx, finish)
+    return finish
 
 
 @cache

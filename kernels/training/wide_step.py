@@ -9,7 +9,7 @@ from kernels.coopvec.spec import NetworkSpec, Parameters
 from kernels.training import warpgroup, warpgroup_backward, wide, wide_backward, wide_lower
 from kernels.training.encoded import row_type
 from kernels.training.progress import Progress, batch_of
-from kernels.training.step import cuda_only, samples_of
+from kernels.training.step import cuda_only, make_finish, samples_of
 from kernels.training.wide_plan import SAMPLES, SLOT, LowerPlan
 
 
@@ -41,16 +41,7 @@ def make_lower_kernel(spec: NetworkSpec, plan: LowerPlan, by_rows: bool) -> wp.K
     @wp.func_native(cuda_only(dx_text, "return {};"))
     def input_gradient(memory: shared) -> vec_in: ...
 
-    @wp.func_native(cuda_only(wide_backward.finish(plan)))
-    def finish(
-        memory: shared,
-        sums: sums_type,
-        loss: float,
-        partial: wp.array2d[float],
-        flags: wp.array[int],
-        parity: int,
-        add: bool,
-    ): ...
+    finish = make_finish(wide_backward.finish(plan), shared, sums_type)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=plan.threads)
     def lower_kernel(
