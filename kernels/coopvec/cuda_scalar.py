@@ -19,10 +19,12 @@ auto add = [](real* p, real v) { asm volatile("red.global.add.f32 [%0],%1;" :: "
 
 
 # of a whole warp's samples: lane l adds up column l of 32, to add it to memory once instead of 32 times
-SUMS = """
+SUMS = (
+    """
 struct Sums {
-static __device__ __noinline__ void add(const real* h, const real* dz, int k, int n, real* weights, real* biases) {
-    auto add = [](real* p, real v) { asm volatile("red.global.add.f32 [%0],%1;" :: "l"(p), "f"(v) : "memory"); };
+static __device__ __noinline__ void of(const real* h, const real* dz, int k, int n, real* weights, real* biases) {"""
+    + ADD
+    + """
     const int lane = threadIdx.x & 31;
     for (int first = 0; first < k; first += 32) {
         real v[32];  // this lane's sample; then of sample i, transposed
@@ -50,9 +52,13 @@ static __device__ __noinline__ void add(const real* h, const real* dz, int k, in
         }
     }
 } };
-const bool together = __activemask() == 0xffffffffu && __all_sync(0xffffffffu, gradient
-    && __shfl_sync(0xffffffffu, reinterpret_cast<size_t>(gradient), 0) == reinterpret_cast<size_t>(gradient));
+bool together = __activemask() == 0xffffffffu;
+if (together) {
+    const size_t mine = reinterpret_cast<size_t>(gradient), first = __shfl_sync(0xffffffffu, mine, 0);
+    together = __all_sync(0xffffffffu, mine == first) && gradient;
+}
 """
+)
 
 
 def conversions(spec: NetworkSpec) -> str:
@@ -211,7 +217,7 @@ for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(adj_
         # INT8 multiplies integers: back to their values
         input_step = f"1.0f / __uint_as_float(__ldg(net + {layer.scales}))" if spec.format is INT8 else "1.0f"
         product_step = f"__uint_as_float(__ldg(net + {layer.scales + 1}))" if spec.format is INT8 else "1.0f"
-        sums = f"if (together) Sums::add(h, dz{i}, {layer.k}, {layer.n}, weights_of, biases_of);\n" if warps else ""
+        sums = f"if (together) Sums::of(h, dz{i}, {layer.k}, {layer.n}, weights_of, biases_of);\n" if warps else ""
         text += f"""real dh{i}[{layer.k_pad}];
 {{ real h[{layer.k_pad}];
 const real input_step = {input_step}, weight_step = {product_step} / input_step;
