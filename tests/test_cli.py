@@ -1,6 +1,7 @@
 """The common command line: devices, `--json`, errors as one line with exit code 2, files whole or not at all."""
 
 import json
+import os
 from dataclasses import dataclass
 
 import pytest
@@ -62,6 +63,15 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         raise RuntimeError
     assert target.read_text() == "first"
     assert list(target.parent.iterdir()) == [target]
+
+
+def test_only_files_are_replaced(tmp_path):
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("folder", "pipe"):
+        with pytest.raises(InputError, match=f"{name}: a folder or device"), atomic_path(tmp_path / name):
+            pass
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["folder", "pipe"]
 
 
 def test_unwritable_folder_is_an_input_error(tmp_path):

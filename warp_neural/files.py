@@ -13,9 +13,12 @@ from warp_neural.errors import InputError
 def atomic_path(path: Path | str) -> Iterator[Path]:
     """Yield a temporary path beside `path`, with its suffix; on success it replaces `path`, on any error it goes.
 
-    Raises `InputError` naming the folder if it cannot be made or written.
+    Raises `InputError` naming the folder if it cannot be made or written, or what `path` is if it is no file: as root
+    a device such as /dev/null could be replaced.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: a folder or device, no file that could be replaced; give another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}-", dir=path.parent)
