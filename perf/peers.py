@@ -143,8 +143,22 @@ def torch_step(layers: Layers, octaves: int, n: int, gradient_of: Callable) -> C
     return step
 
 
+def mean_square(y: list, targets: list):
+    """Over all of Dr.Jit's columns."""
+    import drjit as dr
+
+    return sum(dr.mean(dr.square(a - b)) for a, b in zip(y, targets, strict=True)) / len(y)
+
+
+def learning(step: Callable) -> Callable:
+    """`step`, which returns its loss, after that has fallen: Dr.Jit's gradient lies in a buffer of its own order."""
+    losses = [step().numpy()[0] for _ in range(20)]
+    if not losses[-1] < losses[0]:
+        raise RuntimeError(f"Dr.Jit: the loss went from {losses[0]:.3g} to {losses[-1]:.3g}; nothing was timed")
+    return step
+
+
 def drjit_step(layers: Layers, octaves: int, n: int) -> Callable[[], None]:
-    """Its loss must fall: the gradient lies in a packed buffer of its own order."""
     import drjit as dr
     from drjit import nn
     from drjit.llvm.ad import Float32
@@ -160,14 +174,11 @@ def drjit_step(layers: Layers, octaves: int, n: int) -> Callable[[], None]:
         waves = [dr.sincos(x * (dr.pi * 2**k)) for x in (u, v) for k in range(octaves)]
         y = list(net(nn.CoopVec([value for pair in waves for value in pair])))
         targets = [u, u * v, (1 - u) * v]
-        loss = sum(dr.mean(dr.square(a - b)) for a, b in zip(y, targets, strict=True)) / 3
+        loss = mean_square(y, targets)
         dr.backward(loss)
         optimizer.step()
         dr.eval(loss)
         dr.sync_thread()
         return loss
 
-    losses = [step().numpy()[0] for _ in range(20)]
-    if not losses[-1] < losses[0]:
-        raise RuntimeError(f"Dr.Jit: the loss went from {losses[0]:.3g} to {losses[-1]:.3g}; nothing was timed")
-    return step
+    return learning(step)

@@ -12,7 +12,7 @@ import numpy as np
 
 from perf.measure import WARM_UP, Bench, check, wall_ms
 from perf.networks import shape_name, true_gradient, truth
-from perf.peers import drjit_evaluator, drjit_net, torch_model, weights_and_biases
+from perf.peers import drjit_evaluator, drjit_net, learning, mean_square, torch_model, weights_and_biases
 from warp_neural import MLP
 
 COMPILED, COMPILED_STEP = "3x64", "3x64, 262,144"  # by torch.compile, which may take a minute
@@ -147,7 +147,6 @@ def torch_training(name: str, net: MLP, module: Any, x: np.ndarray, target: np.n
 
 
 def drjit_training(net: MLP, x: np.ndarray, target: np.ndarray) -> Callable[[], Any]:
-    """Its loss must fall: the gradient lies in a packed buffer of its own order."""
     import drjit as dr
     from drjit import nn
     from drjit.cuda.ad import Float16
@@ -160,13 +159,10 @@ def drjit_training(net: MLP, x: np.ndarray, target: np.ndarray) -> Callable[[], 
     def step() -> Any:
         packed.update(optimizer)
         y = list(packed(nn.CoopVec(columns)))
-        loss = sum(dr.mean(dr.square(a - b)) for a, b in zip(y, targets, strict=True)) / len(y)
+        loss = mean_square(y, targets)
         dr.backward(loss)
         optimizer.step()
         dr.eval(loss)
         return loss
 
-    losses = [step().numpy()[0] for _ in range(20)]
-    if not losses[-1] < losses[0]:
-        raise RuntimeError(f"the loss went from {losses[0]:.3g} to {losses[-1]:.3g}")
-    return step
+    return learning(step)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from networks import error, random_biases
-from trainers import trainer, true_gradient
+from trainers import check_encoded, check_gradient, trainer, true_gradient
 
 import warp_neural as wn
 from kernels.coopvec.spec import BFLOAT16, NetworkSpec
@@ -38,10 +38,7 @@ def test_gradient(device, width, depth, n_in, n_out, precision, accumulation, ac
         pytest.skip("test_trainer_gradients has the CPU's")
     kind = {"precision": precision, "accumulation": accumulation, "activation": activation, "device": device}
     net = random_biases(wn.MLP(n_in, n_out, width, depth, seed=3, **kind))
-    run, x, target = trainer(net, n)
-    gradient = run.gradient()[: net.n_parameters]
-    bound = 4e-2 if precision == "bfloat16" else 1e-2  # as in test_trainer_gradients
-    assert error(gradient, true_gradient(net, x, target)) < bound
+    run, gradient = check_gradient(net, n)
     np.testing.assert_array_equal(gradient, run.gradient()[: net.n_parameters])
 
 
@@ -51,10 +48,7 @@ def test_gradient_with_an_encoding(device, width, depth, encoding):
     if device.is_cpu:
         pytest.skip("test_trainer_gradients has the CPU's")
     net = random_biases(wn.MLP(2, 3, width, depth, encoding=encoding, device=device, precision="float16"))
-    fused, general = (trainer(net, 1000, fused=fused)[0].gradient() for fused in (None, False))
-    assert error(fused, general) < 5e-3  # float16 rounds dz and what lies between the layers, 5e-4 each
-    if encoding.n_parameters(2):
-        assert error(fused[net.encoding_start :], general[net.encoding_start :]) < 1e-2
+    check_encoded(net, 1000)
 
 
 @pytest.mark.parametrize("width, depth", [(64, 2), (128, 2), (128, 3)])

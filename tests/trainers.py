@@ -5,9 +5,11 @@ from functools import cache
 import numpy as np
 import reference_networks as reference
 import warp as wp
-from networks import samples
+from networks import error, samples
 
 import warp_neural as wn
+
+BOUND = {"float32": 1e-5, "float16": 1e-2, "bfloat16": 4e-2}  # of a gradient's error; bfloat16 keeps 3 bits fewer
 
 
 @wp.struct
@@ -55,6 +57,22 @@ def true_gradient(net, x, target):
     dy = 2 * (y - target) / target.size
     _, dw, db, _ = reference.mlp(weights, net.biases, functions, x, dy)
     return np.concatenate([np.concatenate([w.ravel(), b]) for w, b in zip(dw, db, strict=True)])
+
+
+def check_gradient(net, n):
+    """Of n samples, within `BOUND` of float64; returns the trainer and the gradient of the network's parameters."""
+    run, x, target = trainer(net, n)
+    gradient = run.gradient()[: net.n_parameters]
+    assert gradient.any() and error(gradient, true_gradient(net, x, target)) < BOUND[net.spec.format.name]
+    return run, gradient
+
+
+def check_encoded(net, n):
+    """The fused gradient against that of the adjoint. float16 rounds dz and what lies between the layers, 5e-4 each."""
+    gradients = [trainer(net, n, fused=fused)[0].gradient() for fused in (None, False)]
+    assert error(*gradients) < 5e-3
+    if net.encoding.n_parameters(net.n_in):
+        assert error(*(g[net.encoding_start :] for g in gradients)) < 1e-2
 
 
 def small(device, **options):

@@ -4,47 +4,43 @@ import numpy as np
 
 from kernels.coopvec.layout import bias_is_half, network_layout
 from kernels.coopvec.spec import NetworkSpec
-from kernels.training.plan import Plan
+from kernels.training.plan import LayerPlan, Plan
 from kernels.training.step import FusedPlan
-from kernels.training.warpgroup_plan import WarpgroupPlan
-from kernels.training.wide_plan import WidePlan
+from kernels.training.warpgroup_plan import WarpgroupLayer
+from kernels.training.wide_plan import WideLayer
 
 
 def fragment_order(plan: FusedPlan) -> np.ndarray:
     """Of each float of a block's gradient, the index of its parameter in `MLP.master`; -1 for padding. [plan.floats]"""
-    if not isinstance(plan, Plan):
-        return warpgroup_order(plan)
-    order = np.full(plan.floats, -1, np.int32)
-    for layer in plan.layers:
-        layout, blocks = layer.layout, layer.k_blocks
-        i = np.arange(layer.n_blocks * blocks * 256)
-        # accumulators of m16n8: lane 4 (n % 8) + k % 8 / 2 holds rows n, n + 8 and columns k, k + 1
-        register, lane, tile = i % 4, i // 4 % 32, i // 128
-        n = tile // (2 * blocks) * 16 + register // 2 * 8 + lane // 4
-        k = tile % (2 * blocks) * 8 + lane % 4 * 2 + register % 2
-        index = np.where((n < layout.n) & (k < layout.k), layout.master + n * layout.k + k, -1)
-        order[layer.first : layer.first + len(i)] = index
-        biases = layout.master + layout.n * layout.k + np.arange(layout.n)
-        order[layer.bias_first : layer.bias_first + layout.n] = biases
-    return order
-
-
-def warpgroup_order(plan: WarpgroupPlan | WidePlan) -> np.ndarray:
-    """The same of a plan for warpgroups."""
     order = np.full(plan.floats, -1, np.int32)
     for layer in plan.layers:
         layout = layer.layout
-        i = np.arange(layer.bias_first - layer.first)
-        # accumulators of m64nN: warp w, lane 4 g + t hold rows 16 w + g, 8 more, and columns 8 j + 2 t, 1 more
-        part, register = np.divmod(i // 128, layer.registers)
-        row = part * 64 + i // 32 % 4 * 16 + register // 2 % 2 * 8 + i % 32 // 4
-        column = register // 4 * 8 + i % 4 * 2 + register % 2
-        n, k = (column, row) if layer.last else (row, column)
+        n, k = accumulators(layer) if isinstance(plan, Plan) else warpgroup_accumulators(layer)
         index = np.where((n < layout.n) & (k < layout.k), layout.master + n * layout.k + k, -1)
         order[layer.first : layer.bias_first] = index
         biases = layout.master + layout.n * layout.k + np.arange(layout.n)
         order[layer.bias_first : layer.bias_first + layout.n] = biases
     return order
+
+
+def accumulators(layer: LayerPlan) -> tuple[np.ndarray, np.ndarray]:
+    """Neuron n and input k of each float of a layer's weights."""
+    i = np.arange(layer.bias_first - layer.first)
+    # of m16n8: lane 4 (n % 8) + k % 8 / 2 holds rows n, n + 8 and columns k, k + 1
+    register, lane, tile = i % 4, i // 4 % 32, i // 128
+    n = tile // (2 * layer.k_blocks) * 16 + register // 2 * 8 + lane // 4
+    k = tile % (2 * layer.k_blocks) * 8 + lane % 4 * 2 + register % 2
+    return n, k
+
+
+def warpgroup_accumulators(layer: WarpgroupLayer | WideLayer) -> tuple[np.ndarray, np.ndarray]:
+    """The same of a plan for warpgroups."""
+    i = np.arange(layer.bias_first - layer.first)
+    # of m64nN: warp w, lane 4 g + t hold rows 16 w + g, 8 more, and columns 8 j + 2 t, 1 more
+    part, register = np.divmod(i // 128, layer.registers)
+    row = part * 64 + i // 32 % 4 * 16 + register // 2 % 2 * 8 + i % 32 // 4
+    column = register // 4 * 8 + i % 4 * 2 + register % 2
+    return (column, row) if layer.last else (row, column)
 
 
 def packed_targets(spec: NetworkSpec) -> np.ndarray:

@@ -110,6 +110,10 @@ def load_for(kernel: wp.Kernel, plan: FusedPlan, device: wp.Device) -> None:
         wp.config.cuda_arch_suffix = before
 
 
+def launch(kernel: wp.Kernel, dim: int, inputs: list, block_dim: int, device: wp.Device) -> None:
+    wp.launch(kernel, dim, inputs, device=device, block_dim=block_dim, record_tape=False)
+
+
 class LeafSteps:
     """The launches between the inputs and the results of one leaf of an encoding, which lie in `rows`. aside: another
     stream for what can run beside the rest."""
@@ -130,20 +134,17 @@ class LeafSteps:
             self.crowd_kernel = make_crowd_kernel(sample, *which)
 
     def encode(self, inputs: list) -> None:
-        self._launch(self.encode_kernel, self.threads, [*inputs, self.rows], TILE)
+        launch(self.encode_kernel, self.threads, [*inputs, self.rows], TILE, self.device)
 
     def adjoint(self, inputs: list) -> None:
         if self.crowded:  # side by side: one is held up by shared memory, the other by L2
             blocks = min(self.device.sm_count, -(-self.rows.shape[0] // CROWD_TILE))
             with wp.ScopedStream(self.aside):
-                self._launch(self.crowd_kernel, blocks * CROWD_TILE, [*inputs, blocks, self.rows], CROWD_TILE)
+                launch(self.crowd_kernel, blocks * CROWD_TILE, [*inputs, blocks, self.rows], CROWD_TILE, self.device)
         if self.trains:
-            self._launch(self.adjoint_kernel, self.threads, [*inputs, self.rows], TILE)
+            launch(self.adjoint_kernel, self.threads, [*inputs, self.rows], TILE, self.device)
         if self.crowded:
             self.device.stream.wait_stream(self.aside)
-
-    def _launch(self, kernel: wp.Kernel, dim: int, inputs: list, block_dim: int) -> None:
-        wp.launch(kernel, dim, inputs, device=self.device, block_dim=block_dim, record_tape=False)
 
 
 class FusedCuda(Steps):
@@ -187,15 +188,12 @@ class FusedCuda(Steps):
         for leaf in self.leaves:
             leaf.encode(inputs)
         threads, arrays = self.plan.threads, [self.partial, self.rows, self.kept]
-        self._launch(self.kernel, self.partial.shape[0] * threads, [*inputs, *arrays], threads)
+        launch(self.kernel, self.partial.shape[0] * threads, [*inputs, *arrays], threads, self.net.device)
         if self.plan.lower:
             lower = [self.net.params, self.progress, micro, *arrays]
-            self._launch(self.lower_kernel, self.partial.shape[0] * threads, lower, threads)
+            launch(self.lower_kernel, self.partial.shape[0] * threads, lower, threads, self.net.device)
         for leaf in self.leaves:
             leaf.adjoint(inputs)
-
-    def _launch(self, kernel: wp.Kernel, dim: int, inputs: list, block_dim: int) -> None:
-        wp.launch(kernel, dim, inputs, device=self.net.device, block_dim=block_dim, record_tape=False)
 
     def update(self) -> None:
         net = self.net
@@ -205,7 +203,7 @@ class FusedCuda(Steps):
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
         block = update_block(self.plan)
         dim = -(-(self.plan.floats + 1) // COLUMNS) * block
-        self._launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block)
+        launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block, self.net.device)
         if self.by_rows:
             net.device.stream.wait_stream(self.aside)
 

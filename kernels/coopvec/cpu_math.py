@@ -1,8 +1,9 @@
 """Functions of 16 floats at a time for CPU text, as compilers have none: those that activations call.
 
-Within 3 units in the last place of float32 where the result is not near a zero far from z = 0, and as the library's for
-what is not finite. Reductions and their constants: Cody and Waite 1980, "Software Manual for the Elementary Functions";
-the polynomials were fitted to the smallest relative error (iteratively reweighted least squares).
+Within 4 units in the last place of float32 (erf; all others 2) where the result is not near a zero far from z = 0, and
+as the library's for what is not finite. Reductions and their constants: Cody and Waite 1980, "Software Manual for the
+Elementary Functions"; the polynomials were fitted to the smallest relative error (iteratively reweighted least
+squares).
 """
 
 import re

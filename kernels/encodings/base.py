@@ -7,6 +7,7 @@ holds alone, thread `lane` of the `lanes` that do it together (what they set or 
 `crowded`, parameters that are (see `Encoding.crowded`), and if `others`, the others.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -55,7 +56,7 @@ ENTER_ADJOINT = f"real* const grad = params.master.grad ? params.master.grad + s
 
 
 @dataclass(frozen=True)
-class Encoding:
+class Encoding(ABC):
     """A function of n_in inputs with n_out results, for the front of a network; some have trainable parameters.
 
     `initial`: uniform range of fresh parameters. Sizes that an encoding cannot take are a `ValueError`.
@@ -91,8 +92,9 @@ class Encoding:
         """The encodings that it consists of, which can be run one by one."""
         return [Leaf(self, tuple(range(n_in)), 0, 0)]
 
+    @abstractmethod
     def n_out(self, n_in: int) -> int:
-        raise NotImplementedError
+        """Results for as many inputs."""
 
     def n_parameters(self, n_in: int) -> int:
         """Trainable float32 parameters."""
@@ -116,13 +118,13 @@ class Encoding:
             return None
         return make_encode_adjoint(self, n_in, offset, self.n_parameters(n_in) if stride is None else stride)
 
+    @abstractmethod
     def forward(self, n_in: int, aligned: int) -> str:
         """C++ that sets every `out`; `p` is aligned to `aligned` floats, 1, 2 or 4."""
-        raise NotImplementedError
 
+    @abstractmethod
     def adjoint(self, n_in: int, aligned: int) -> str:
         """C++ that adds to `d_in` and, unless it is null, to `grad`."""
-        raise NotImplementedError
 
 
 class Leaf(NamedTuple):

@@ -51,7 +51,8 @@ def make_texts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
         warpgroup.begin(spec, plan),
         forward.forward(spec, plan, x_type is wp.float16),
         backward.upper_layers(spec, plan),
-        *backward.first_layer(spec, plan, input_gradient),
+        backward.begin_first_layer(spec, plan),
+        backward.first_layer(spec, plan, input_gradient),
         warpgroup_backward.input_gradient(spec, plan, forward.enter(spec, plan), x_type),
         backward.finish(plan),
     )

@@ -7,6 +7,8 @@ registers from layer to layer, as `wgmma` leaves results the way it takes its fi
 two tiles of a layer take turns: while one is multiplied, the other's results are activated.
 """
 
+from typing import Literal
+
 from kernels.activations import linear, relu
 from kernels.coopvec import primitives
 from kernels.coopvec.fragments import unrolled
@@ -18,7 +20,7 @@ from kernels.training.warpgroup_plan import ROW, SAMPLES, SLOT, WIDTH, Warpgroup
 from kernels.training.wide_plan import WidePlan
 
 
-def wgmma(name: str, spec: NetworkSpec, n: int, a: str, transposed: bool) -> str:
+def wgmma(name: str, spec: NetworkSpec, n: int, a: Literal["registers", "rows", "columns"], transposed: bool) -> str:
     """A lambda `name(d, a, b, keep)`: d = a b, plus d if `keep`, of 64 x `n`. a: in "registers", four of them, or the
     descriptor of a matrix in shared memory by "rows" or "columns". transposed: b is by columns."""
     count, element = n // 2, MMA_TYPES[spec.format][1]

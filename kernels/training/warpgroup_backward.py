@@ -118,11 +118,19 @@ def back_word(spec: NetworkSpec, dh: str, kept: str) -> str:
     return f"pack({low}, {high})"
 
 
-def first_layer(spec: NetworkSpec, plan: WarpgroupPlan, input_gradient: bool) -> tuple[str, str]:
-    """Two texts, both `(memory, sums) -> sums`: dW of the first two layers, under way; then complete. All threads.
+def begin_first_layer(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
+    """`(memory, sums) -> sums`: dW of the first two layers, under way. All threads."""
+    return unrolled(f"""{enter(spec, plan)}{weight_multiply(spec, plan, 0)}{weight_multiply(spec, plan, 1)}
+auto sum = sums;
+together();
+begin_products();
+{weight_products(plan, 1)}{weight_products(plan, 0)}commit();
+return sum;
+""")
 
-    `input_gradient` leaves dx where x was.
-    """
+
+def first_layer(spec: NetworkSpec, plan: WarpgroupPlan, input_gradient: bool) -> str:
+    """`(memory, sums) -> sums`, complete; `input_gradient` leaves dx where x was. All threads."""
     k_pad, blocks = plan.layers[0].layout.k_pad, WIDTH // 16
     before = after = lambdas = ""
     if input_gradient:
@@ -139,19 +147,11 @@ for (int m = 0; m < 2; ++m) {{ {back_products(plan, 0)} }}
 }}
 """
     ready = ("sum.c", "dh[0]", "dh[1]") if input_gradient else ("sum.c",)
-    begin = f"""{enter(spec, plan)}{weight_multiply(spec, plan, 0)}{weight_multiply(spec, plan, 1)}
-auto sum = sums;
-together();
-begin_products();
-{weight_products(plan, 1)}{weight_products(plan, 0)}commit();
-return sum;
-"""
-    rest = f"""{enter(spec, plan)}{lambdas}
+    return unrolled(f"""{enter(spec, plan)}{lambdas}
 auto sum = sums;
 {before}{wait(0, *ready)}together();
 {after}return sum;
-"""
-    return unrolled(begin), unrolled(rest)
+""")
 
 
 def input_gradient(spec: NetworkSpec, plan: HopperPlan, enter: str, dtype: type) -> str:

@@ -95,8 +95,19 @@ def weight_products(plan: WidePlan, index: int) -> str:
 """
 
 
-def first_layer(spec: NetworkSpec, plan: UpperPlan, input_gradient: bool) -> tuple[str, str]:
-    """As `warpgroup_backward.first_layer`, of layer `low`."""
+def begin_first_layer(spec: NetworkSpec, plan: UpperPlan) -> str:
+    """As `warpgroup_backward.begin_first_layer`, of layer `low`."""
+    return unrolled(f"""{enter(spec, plan)}{weight_multiply(spec, plan, plan.low)}
+auto sum = sums;
+__syncthreads();
+begin_products();
+{weight_products(plan, plan.low)}commit();
+return sum;
+""")
+
+
+def first_layer(spec: NetworkSpec, plan: UpperPlan, input_gradient: bool) -> str:
+    """As `warpgroup_backward.first_layer`."""
     k_pad = plan.layers[0].layout.k_pad
     before = after = lambdas = ""
     if input_gradient:
@@ -110,19 +121,11 @@ commit();
 """
         after = save_dx(plan)
     ready = ("sum.c", "dh") if input_gradient else ("sum.c",)
-    begin = f"""{enter(spec, plan)}{weight_multiply(spec, plan, plan.low)}
-auto sum = sums;
-__syncthreads();
-begin_products();
-{weight_products(plan, plan.low)}commit();
-return sum;
-"""
-    rest = f"""{enter(spec, plan)}{lambdas}
+    return unrolled(f"""{enter(spec, plan)}{lambdas}
 auto sum = sums;
 {before}{wait(0, *ready)}__syncthreads();
 {after}return sum;
-"""
-    return unrolled(begin), unrolled(rest)
+""")
 
 
 def input_tile(plan: WidePlan) -> str:

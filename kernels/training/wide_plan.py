@@ -43,6 +43,11 @@ class WideLayer:
         return -(-self.layout.k_pad // 64)
 
     @property
+    def end(self) -> int:
+        """Of the weights."""
+        return self.weights + self.panels * self.panel
+
+    @property
     def registers(self) -> int:
         """Of a thread, for its part of the weights' gradient; those of the biases follow."""
         return self.columns // 2
@@ -58,15 +63,20 @@ class WideLayer:
 
 @dataclass(frozen=True)
 class WidePlan(HopperPlan):
-    """layers: whose weights a block has. gradients: of which layers it computes them. low: the first layer of the upper
-    pass. Offsets in bytes as in `WarpgroupPlan`."""
+    """layers: whose weights a block has, from the first on. floats: of a block's gradient, in both passes. Offsets in
+    bytes as in `WarpgroupPlan`.
+
+    Each kind of plan has `low`, the first layer of the upper pass; `gradients`, a range: the layers whose gradients its
+    pass computes; and in an area `h(index)` and `dz(index)`, where the input of a layer and its dz lie.
+    """
 
     lanes = 16
     layers: tuple[WideLayer, ...]
-    gradients: range
-    low: int
-    biases: int
     floats: int
+
+    @property
+    def biases(self) -> int:
+        return self.layers[-1].end
 
     @property
     def sums(self) -> int:
@@ -88,6 +98,14 @@ class WidePlan(HopperPlan):
 class LowerPlan(WidePlan):
     """An area has what was kept, and another slot for dz of layer 0 or the gradient to the input."""
 
+    @property
+    def low(self) -> int:
+        return len(self.layers)
+
+    @property
+    def gradients(self) -> range:
+        return range(self.low)
+
     def h(self, index: int) -> int:
         return (self.low - index) * SLOT
 
@@ -103,22 +121,29 @@ class LowerPlan(WidePlan):
         return self.dx + SLOT
 
 
-@dataclass(frozen=True)
 class UpperPlan(WidePlan):
-    """An area has slots for the inputs of the last two layers, the spare one, and dz of the last. lower: the pass for
-    the layers before `low`."""
+    """An area has slots for the inputs of the last two layers, the spare one, and dz of the last."""
 
-    lower: LowerPlan | None
     spare = 2 * SLOT
     last_dz = 3 * SLOT
     area = last_dz + round_up(SAMPLES * LAST_ROW, 1024)
 
+    @property
+    def low(self) -> int:
+        return len(self.layers) - 2
+
+    @property
+    def gradients(self) -> range:
+        return range(self.low, len(self.layers))
+
+    @property
+    def lower(self) -> LowerPlan | None:
+        return LowerPlan(self.layers[: self.low], self.floats) if self.low else None
+
     def h(self, index: int) -> int:
-        """In an area: the slot of the input of layer `index`."""
         return (index - self.low) * SLOT
 
     def dz(self, index: int) -> int:
-        """In an area: where dz of layer `index` lies."""
         return self.last_dz if self.layers[index].last else self.spare
 
     @property
@@ -131,13 +156,8 @@ def make_wide_plan(spec: NetworkSpec) -> UpperPlan | None:
     depth = len(spec.sizes) - 2
     if not takes(spec, WIDTH) or depth > MAX_DEPTH:
         return None
-    weights, first, layers = [0], 0, []
-    layouts, _ = network_layout(spec, True)
-    for index, layout in enumerate(layouts):
-        layer = WideLayer(layout, index == depth, weights[-1], first)
-        weights.append(weights[-1] + layer.panels * layer.panel)
-        first = layer.bias_first + layout.n_pad
-        layers.append(layer)
-    low = depth - 1
-    lower = LowerPlan(tuple(layers[:low]), range(low), low, weights[low], first) if low else None
-    return UpperPlan(tuple(layers), range(low, depth + 1), low, weights[-1], first, lower)
+    weights, first, layers = 0, 0, []
+    for index, layout in enumerate(network_layout(spec, True)[0]):
+        layers.append(WideLayer(layout, index == depth, weights, first))
+        weights, first = layers[-1].end, layers[-1].bias_first + layout.n_pad
+    return UpperPlan(tuple(layers), first)
