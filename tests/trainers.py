@@ -59,9 +59,9 @@ def true_gradient(net, x, target):
     return np.concatenate([np.concatenate([w.ravel(), b]) for w, b in zip(dw, db, strict=True)])
 
 
-def check_gradient(net, n):
+def check_gradient(net, n, **options):
     """Of n samples, within `BOUND` of float64; returns the trainer and the gradient of the network's parameters."""
-    run, x, target = trainer(net, n)
+    run, x, target = trainer(net, n, **options)
     gradient = run.gradient()[: net.n_parameters]
     assert gradient.any() and error(gradient, true_gradient(net, x, target)) < BOUND[net.spec.format.name]
     return run, gradient
