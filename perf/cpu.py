@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
+from warp_neural.kernels.nn.random import random_stream
 
-from kernels.coopvec.rows import make_evaluate_kernel
-from kernels.sampling import random_stream
 from perf import peers
 from perf.measure import Bench, Config, check, times_in_turn
 from perf.networks import flops, make_net, true_gradient, truth

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
-from kernels.coopvec.rows import make_evaluate_kernel
 from perf import networks, peers_cuda
 from perf.measure import Bench, Config, check
 from perf.networks import LIMITS, SHAPES, flops, make_net, make_shade_kernel, random_rows, shape_name, truth

@@ -11,7 +11,7 @@ import warp as wp
 from perf import machine
 from perf.results import FOLDER, Figure, Result
 from warp_neural.cli import CommonConfig, resolve_device
-from warp_neural.files import atomic_path
+from warp_neural.io.files import atomic_path
 
 WARM_UP = 3  # rounds that do not count
 ROUND_MS = 5  # what a round of several launches takes, about

@@ -14,9 +14,10 @@ import warp as wp
 from perf.measure import Bench, Config, check
 from perf.networks import LIMITS, truth
 from perf.training import pixel
-from warp_neural import MLP, Trainer, encodings, optim
+from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import progress, run
-from warp_neural.image import displayed_psnr
+from warp_neural.imaging.image import displayed_psnr
+from warp_neural.train import optim
 
 KINDS = [
     ("float32", "float32"),

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from unittest import mock
 
 import warp as wp
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
-from kernels.coopvec.rows import make_evaluate_kernel
 from perf import counters, networks, training
 from perf.measure import Bench, Config
 from perf.networks import SHAPES, make_net, shape_name

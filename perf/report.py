@@ -9,7 +9,7 @@ from perf.profile import spoken
 from perf.results import FOLDER, Result, load_all
 from warp_neural.cli import run
 from warp_neural.errors import InputError
-from warp_neural.files import atomic_path
+from warp_neural.io.files import atomic_path
 
 INTRO = """# Measurements
 

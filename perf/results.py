@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_neural.errors import InputError
-from warp_neural.files import atomic_path
+from warp_neural.io.files import atomic_path
 
 RECORDED = " *(recorded)*"
 FOLDER = Path(__file__).resolve().parent / "results"

@@ -16,14 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
+from warp_neural.samples.hardware_acceleration import texture
+from warp_neural.samples.network import step_02_multiple_layers, step_04_frequency_encoding
 
-from kernels.coopvec.rows import make_evaluate_kernel
 from perf import peers_cuda
 from perf.measure import Bench, Config, check
 from perf.networks import make_net, shape_name, true_gradient
 from perf.pictures import steps
-from samples.hardware_acceleration import texture
-from samples.network import step_02_multiple_layers, step_04_frequency_encoding
 from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import progress, run
 from warp_neural.coopvec import make_load

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_neural.files import atomic_path
-from warp_neural.image import save_image
+from warp_neural.imaging.image import save_image
+from warp_neural.io.files import atomic_path
 
 
 def show(axis, picture: np.ndarray, title: str):

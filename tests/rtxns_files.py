@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 
 from warp_neural.errors import InputError
-from warp_neural.rtxns import RtxnsNetwork
+from warp_neural.io.rtxns import RtxnsNetwork
 
 quiet = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 

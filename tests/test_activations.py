@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import reference_networks as reference
 import warp as wp
-
-from kernels import activations
+from warp_neural.kernels.nn import activations
 
 NAMES = [a.name for a in activations.ALL]
 VALUES, SLOPES = [a.func for a in activations.ALL], [a.slope for a in activations.ALL]

@@ -9,7 +9,7 @@ import warp as wp
 
 from warp_neural.cli import CommonConfig, resolve_device, run
 from warp_neural.errors import InputError
-from warp_neural.files import atomic_path
+from warp_neural.io.files import atomic_path
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from contextlib import nullcontext
 
 import pytest
 import warp as wp
+from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
 
-from kernels.coopvec.spec import FORMATS, NetworkSpec
 from warp_neural import MLP, InputError
 from warp_neural.coopvec import check_combination, combination_table, supported_combinations
 

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
+from warp_neural.kernels.nn import activations, encodings
+from warp_neural.kernels.nn.spec import NetworkSpec
 
-from kernels import activations, encodings
-from kernels.coopvec.spec import NetworkSpec
 from warp_neural import MLP, InputError
-from warp_neural.combinations import supported_combinations
-from warp_neural.commands import main
-from warp_neural.convert import Form, load_rtxns, read_rtxns, save_rtxns
-from warp_neural.network_data import NetworkData, read_network, write_network
-from warp_neural.rtxns import RtxnsNetwork
-from warp_neural.rtxns_json import write_json
-from warp_neural.tensor_file import save_tensors
+from warp_neural.cli.commands import main
+from warp_neural.coopvec.combinations import supported_combinations
+from warp_neural.io.rtxns import RtxnsNetwork
+from warp_neural.io.rtxns_json import write_json
+from warp_neural.io.tensors import save_tensors
+from warp_neural.nn.convert import Form, load_rtxns, read_rtxns, save_rtxns
+from warp_neural.nn.network_data import NetworkData, read_network, write_network
 
 
 def data(sizes=(6, 8, 8, 2), count=1, **options):

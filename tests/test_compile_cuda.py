@@ -4,29 +4,34 @@ import importlib
 
 import pytest
 import warp as wp
+from warp_neural.kernels.coopvec.convert import convert_kernel
+from warp_neural.kernels.coopvec.memory import make_load, make_store
+from warp_neural.kernels.coopvec.network import make_network
+from warp_neural.kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
+from warp_neural.kernels.nn.losses import l2
+from warp_neural.kernels.nn.optimizers import adam
+from warp_neural.kernels.nn.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
+from warp_neural.kernels.training.encoded_batch import (
+    make_adjoint_row,
+    make_crowd_kernel,
+    make_encode_row,
+    make_rows_kernel,
+)
+from warp_neural.kernels.training.fused import make_gradient_kernel
+from warp_neural.kernels.training.mma.schedule import make_plan
+from warp_neural.kernels.training.taped_update import make_update_kernel
+from warp_neural.kernels.training.update import make_fused_update_kernel
 
-from kernels.coopvec.convert import convert_kernel
-from kernels.coopvec.memory import make_load, make_store
-from kernels.coopvec.network import make_network
-from kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
-from kernels.coopvec.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
-from kernels.losses import l2
-from kernels.optimizers import adam
-from kernels.training.encoded import make_adjoint_row, make_crowd_kernel, make_encode_row, make_rows_kernel
-from kernels.training.general_update import make_update_kernel
-from kernels.training.plan import make_plan
-from kernels.training.step import make_gradient_kernel
-from kernels.training.update import make_fused_update_kernel
 from warp_neural import encodings
 
 MODULES = [
-    "kernels.optimizers",
-    "kernels.texture",
-    "samples.mipmap.judge",
-    "samples.mipmap.learn",
-    "samples.mipmap.step_01_basic_program",
-    "samples.mipmap.step_04_loss",
-    "samples.mipmap.step_05_train",
+    "warp_neural.kernels.nn.optimizers",
+    "warp_neural.kernels.shading.texture",
+    "warp_neural.samples.mipmap.judge",
+    "warp_neural.samples.mipmap.learn",
+    "warp_neural.samples.mipmap.step_01_basic_program",
+    "warp_neural.samples.mipmap.step_04_loss",
+    "warp_neural.samples.mipmap.step_05_train",
 ]
 
 

@@ -8,10 +8,10 @@ import reference_networks as reference
 import warp as wp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from warp_neural.kernels.coopvec.convert import convert_kernel, make_element_index
+from warp_neural.kernels.coopvec.layout import layer_table, make_pack_kernel, network_layout
+from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
 
-from kernels.coopvec.convert import convert_kernel, make_element_index
-from kernels.coopvec.layout import layer_table, make_pack_kernel, network_layout
-from kernels.coopvec.spec import FORMATS, NetworkSpec
 from warp_neural import InputError
 from warp_neural.coopvec import convert_matrix, matrix_size, pack_matrix, unpack_matrix
 

@@ -1,13 +1,12 @@
-"""Functions of 16 floats at a time against float64: `kernels.coopvec.cpu_math`."""
+"""Functions of 16 floats at a time against float64: `kernels.coopvec.cpu.math`."""
 
 from math import erf
 
 import numpy as np
 import pytest
 import warp as wp
-
-from kernels.coopvec.cpu import PRELUDE
-from kernels.coopvec.cpu_math import FUNCTIONS, MATH, on_vectors
+from warp_neural.kernels.coopvec.cpu.math import FUNCTIONS, MATH, on_vectors
+from warp_neural.kernels.coopvec.cpu.network import PRELUDE
 
 EXACT = {"exp": np.exp, "log": np.log, "tanh": np.tanh, "erf": np.vectorize(erf, otypes=[float]), "sin": np.sin}
 EXACT |= {"cos": np.cos, "sqrt": np.sqrt, "abs": np.abs}

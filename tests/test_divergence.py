@@ -5,9 +5,9 @@ import pytest
 import reference_networks as reference
 import warp as wp
 from networks import bound, error, evaluate, expected, flat, random_biases, samples
+from warp_neural.kernels.nn import activations
+from warp_neural.kernels.nn.spec import select_network
 
-from kernels import activations
-from kernels.coopvec.spec import select_network
 from warp_neural import MLP
 
 INTERLEAVED = [1, 2, 5, 32]  # networks, dealt to consecutive threads in turn

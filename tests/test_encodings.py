@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from reference_encodings import expected
-
-from kernels.coopvec.spec import Parameters
-from kernels.encodings import (
+from warp_neural.kernels.nn.encodings import (
     Concatenate,
     Encoding,
     Frequency,
@@ -19,6 +17,7 @@ from kernels.encodings import (
     SphericalHarmonics,
     TriangleWave,
 )
+from warp_neural.kernels.nn.spec import Parameters
 
 MIXED = Concatenate(
     (Frequency(2), LatentTexture(3, 2, 3), Concatenate((Identity(), LatentTexture(2, 2, 4, wrap=True)))),

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import reference_networks as reference
 import warp as wp
+from warp_neural.kernels.coopvec.formats import make_decode, make_encode
+from warp_neural.kernels.coopvec.layout import make_pack_kernel, network_layout
+from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
 
-from kernels.coopvec.formats import make_decode, make_encode
-from kernels.coopvec.layout import make_pack_kernel, network_layout
-from kernels.coopvec.spec import FORMATS, NetworkSpec
 from warp_neural import MLP
 
 NAMES = list(FORMATS)

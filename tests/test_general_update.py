@@ -7,7 +7,7 @@ import warp as wp
 
 import warp_neural as wn
 from warp_neural import encodings
-from warp_neural.optim import SGD, Adam
+from warp_neural.train.optim import SGD, Adam
 
 GRID = encodings.HashGrid(3, log2_size=7, base_resolution=4, initial=(0.0, 1.0))
 SPARSE = encodings.Concatenate((encodings.Frequency(2), GRID))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from warp_neural.errors import InputError
-from warp_neural.image import (
+from warp_neural.imaging.image import (
     linear_to_srgb,
     load_exr,
     load_exr_mips,

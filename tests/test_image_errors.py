@@ -10,7 +10,7 @@ import tifffile
 from PIL import Image
 
 from warp_neural.errors import InputError
-from warp_neural.image import load_exr, load_image, save_exr, save_image
+from warp_neural.imaging.image import load_exr, load_image, save_exr, save_image
 
 PICTURE = np.random.default_rng(0).random((64, 48, 3), dtype=np.float32)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from warp_neural import MLP
-from warp_neural.initialization import he_normal, he_uniform, xavier_normal, xavier_uniform
+from warp_neural.nn.initialization import he_normal, he_uniform, xavier_normal, xavier_uniform
 
 N_OUT, N_IN = 200, 300
 VARIANCES = {

@@ -5,9 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 import warp as wp
-
-from kernels import losses
-from kernels.losses import Loss
+from warp_neural.kernels.nn import losses
+from warp_neural.kernels.nn.losses import Loss
 
 LOSSES = (*losses.ALL, losses.huber(0.25))
 

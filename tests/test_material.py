@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from warp_neural.default_material import default_material
 from warp_neural.errors import InputError
-from warp_neural.image import save_exr, save_image, srgb_to_linear
-from warp_neural.material import DEFAULTS, Material, find_maps, load_material, map_of, save_material
+from warp_neural.imaging.image import save_exr, save_image, srgb_to_linear
+from warp_neural.materials.default_material import default_material
+from warp_neural.materials.material import DEFAULTS, Material, find_maps, load_material, map_of, save_material
 
 AMBIENT_CG = {
     "Color": "albedo",

@@ -6,7 +6,8 @@ import reference_networks as reference
 import warp as wp
 from networks import error, evaluate, expected, random_biases, samples
 
-from warp_neural import MLP, initialization
+from warp_neural import MLP
+from warp_neural.nn import initialization
 
 
 def test_parameters_are_row_major(device):

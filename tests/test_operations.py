@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
-
-from kernels.coopvec.formats import make_encode
-from kernels.coopvec.operations import (
+from warp_neural.kernels.coopvec.formats import make_encode
+from warp_neural.kernels.coopvec.operations import (
     Buffer,
     MatrixSpec,
     make_matmul,
@@ -13,7 +12,7 @@ from kernels.coopvec.operations import (
     make_outer_product_accumulate,
     make_reduce_sum_accumulate,
 )
-from kernels.coopvec.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32
+from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32
 
 N, ROWS, COLUMNS, ROOM = 77, 20, 33, 4096  # threads (no multiple of 32), matrix size, elements set aside for a matrix
 FORMATS = [FLOAT32, TF32, FLOAT16, BFLOAT16, E4M3, E5M2, INT8]

@@ -5,7 +5,7 @@ import pytest
 import reference
 import warp as wp
 
-from warp_neural.optim import SGD, Adam, Parameters, cosine, exponential, linear
+from warp_neural.train.optim import SGD, Adam, Parameters, cosine, exponential, linear
 
 STEPS = 25
 
@@ -102,7 +102,7 @@ def test_a_replayed_graph_advances():
         wp.copy(parameters.grad, drawn)
         optimizer = Adam(parameters, lr=cosine(1e-2, 0.0, STEPS))
         if replay:
-            wp.load_module("kernels.optimizers", device="cuda:0")
+            wp.load_module("warp_neural.kernels.nn.optimizers", device="cuda:0")
             with wp.ScopedCapture(device="cuda:0") as capture:
                 optimizer.step()
         for _ in range(STEPS):

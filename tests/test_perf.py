@@ -31,7 +31,7 @@ from perf.goals import GOALS, TESTED
 from perf.results import Figure, Result, load_all
 from warp_neural.cli import run
 from warp_neural.errors import InputError
-from warp_neural.image import load_image
+from warp_neural.imaging.image import load_image
 
 MEASUREMENTS = {
     inference: (inference.InferenceConfig, ["--samples", "128"], ("float32, float32 sums", "2x32", "GFLOP/s")),

@@ -7,8 +7,8 @@ from perf import counters, networks, pictures, profile, report, sass, training
 from perf.goals import GOALS
 from perf.results import Figure, Result
 from warp_neural.cli import run
-from warp_neural.files import atomic_path
-from warp_neural.image import load_image
+from warp_neural.imaging.image import load_image
+from warp_neural.io.files import atomic_path
 
 SASS = """
 	code for sm_90

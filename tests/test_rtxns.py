@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from rtxns_files import check, network, quiet, same
 
 from warp_neural.errors import InputError
-from warp_neural.rtxns import read_binary, write_binary
-from warp_neural.rtxns_json import read_json
+from warp_neural.io.rtxns import read_binary, write_binary
+from warp_neural.io.rtxns_json import read_json
 
 HEADER = 304
 

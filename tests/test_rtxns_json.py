@@ -10,8 +10,8 @@ from hypothesis.extra import numpy as st_np
 from rtxns_files import check, network, quiet, same
 
 from warp_neural.errors import InputError
-from warp_neural.rtxns import RtxnsNetwork
-from warp_neural.rtxns_json import read_json, write_json
+from warp_neural.io.rtxns import RtxnsNetwork
+from warp_neural.io.rtxns_json import read_json, write_json
 
 
 @quiet

@@ -5,23 +5,21 @@ from dataclasses import replace
 
 import pytest
 import warp as wp
-
-from samples.mipmap import (
-    __main__ as mipmap,
-)
-from samples.mipmap import (
+from warp_neural.samples.mipmap import __main__ as mipmap
+from warp_neural.samples.mipmap import (
     step_01_basic_program,
     step_02_downsampled_inputs,
     step_03_reference,
     step_04_loss,
     step_05_train,
 )
-from samples.mipmap.maps import MaterialConfig
+from warp_neural.samples.mipmap.maps import MaterialConfig
+
 from warp_neural.errors import InputError
-from warp_neural.exr import load_exr
-from warp_neural.exr_mips import load_exr_mips
-from warp_neural.image import load_image
-from warp_neural.material import find_maps
+from warp_neural.imaging.exr import load_exr
+from warp_neural.imaging.exr_mips import load_exr_mips
+from warp_neural.imaging.image import load_image
+from warp_neural.materials.material import find_maps
 
 
 @pytest.fixture
@@ -71,7 +69,7 @@ def test_mipmap(common, tmp_path):
 
 
 def test_sweep(common, tmp_path, monkeypatch):
-    monkeypatch.setattr("samples.mipmap.sweep.RATES", {mipmap.SGD: [1e-6, 1e3], mipmap.Adam: [1e-2, 10.0]})
+    monkeypatch.setattr("warp_neural.samples.mipmap.sweep.RATES", {mipmap.SGD: [1e-6, 1e3], mipmap.Adam: [1e-2, 10.0]})
     best = mipmap.main(mipmap.Config(**{**common, "crop": 32}, steps=20, judge_pairs=1024, sweep=True))
     assert best["rate_ours_adam"] == 1e-2 and best["linear_ours_adam"] < best["linear_course_sgd"]
     assert len(json.loads((tmp_path / "sweep.json").read_text())) == 8

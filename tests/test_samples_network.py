@@ -4,21 +4,21 @@ import json
 
 import numpy as np
 import pytest
-
-from samples.hardware_acceleration import __main__ as hardware_acceleration
-from samples.hardware_acceleration.picture import load_picture
-from samples.network import __main__ as network
-from samples.network import (
+from warp_neural.samples.hardware_acceleration import __main__ as hardware_acceleration
+from warp_neural.samples.hardware_acceleration.picture import load_picture
+from warp_neural.samples.network import __main__ as network
+from warp_neural.samples.network import (
     step_01_basic_network,
     step_02_multiple_layers,
     step_03_activations,
     step_04_frequency_encoding,
     step_05_latent_texture,
 )
-from samples.network.target import Config, load_target, psnr
+from warp_neural.samples.network.target import Config, load_target, psnr
+
 from warp_neural import cli
 from warp_neural.errors import InputError
-from warp_neural.image import load_image, save_image
+from warp_neural.imaging.image import load_image, save_image
 
 STEPS = [
     step_01_basic_network,

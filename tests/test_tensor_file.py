@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as st_np
 
 from warp_neural.errors import InputError
-from warp_neural.tensor_file import load_tensors, save_tensors
+from warp_neural.io.tensors import load_tensors, save_tensors
 
 quiet = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 numbers = st.one_of(

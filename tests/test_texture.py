@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.shading import downsample, read_float, read_vec3
+from warp_neural.materials.shading import downsample, read_float, read_vec3
 
 
 @wp.kernel

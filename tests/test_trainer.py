@@ -11,7 +11,7 @@ from trainers import small, trainer, true_gradient
 
 import warp_neural as wn
 from warp_neural import encodings
-from warp_neural.optim import SGD, Adam, linear
+from warp_neural.train.optim import SGD, Adam, linear
 
 
 def test_several_batches_are_one_larger(device):
@@ -139,7 +139,7 @@ def test_killed_run_resumes_from_its_last_checkpoint(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         launch(steps)
 
-    monkeypatch.setattr("warp_neural.trainer.SAVE_SECONDS", 0)
+    monkeypatch.setattr("warp_neural.train.trainer.SAVE_SECONDS", 0)
     monkeypatch.setattr(killed, "_launch", launch_or_die)
     with pytest.raises(KeyboardInterrupt):
         killed.run(160, checkpoint=path, quiet=True)

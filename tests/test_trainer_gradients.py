@@ -3,9 +3,9 @@
 import pytest
 from networks import error, random_biases
 from trainers import check_encoded, check_gradient, trainer
+from warp_neural.kernels.training.mma.schedule import make_plan
 
 import warp_neural as wn
-from kernels.training.plan import make_plan
 from warp_neural import activations, encodings, losses
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples

@@ -10,7 +10,7 @@ from networks import error, random_biases, samples
 
 import warp_neural as wn
 from warp_neural import activations, encodings
-from warp_neural.training_cpu import FusedCpu
+from warp_neural.train.cpu_steps import FusedCpu
 
 A = activations
 

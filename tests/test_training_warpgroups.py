@@ -5,17 +5,17 @@ import pytest
 import warp as wp
 from networks import error, random_biases
 from trainers import check_encoded, check_gradient, trainer, true_gradient
+from warp_neural.kernels.nn.losses import l2
+from warp_neural.kernels.nn.spec import BFLOAT16, NetworkSpec
+from warp_neural.kernels.training.fused import make_gradient_kernel
+from warp_neural.kernels.training.hopper64.schedule import make_warpgroup_plan
+from warp_neural.kernels.training.hopper128.lower_step import make_lower_kernel
+from warp_neural.kernels.training.hopper128.schedule import make_wide_plan
 
 import warp_neural as wn
-from kernels.coopvec.spec import BFLOAT16, NetworkSpec
-from kernels.losses import l2
-from kernels.training.step import make_gradient_kernel
-from kernels.training.warpgroup_plan import make_warpgroup_plan
-from kernels.training.wide_plan import make_wide_plan
-from kernels.training.wide_step import make_lower_kernel
 from warp_neural import activations, encodings
-from warp_neural.optim import SGD
-from warp_neural.training_layout import fragment_order
+from warp_neural.train.layout import fragment_order
+from warp_neural.train.optim import SGD
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
 CASES = [

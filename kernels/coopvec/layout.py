@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
-
-from kernels.activations import relu
-from kernels.coopvec.formats import make_decode, make_encode
-from kernels.coopvec.spec import FLOAT16, INT8, Format, NetworkSpec, round_up
+from warp_neural.kernels.coopvec.formats import make_decode, make_encode
+from warp_neural.kernels.nn.activations import relu
+from warp_neural.kernels.nn.spec import FLOAT16, INT8, Format, NetworkSpec, round_up
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@
 from functools import cache
 
 import warp as wp
-
-from kernels.coopvec.spec import C_TYPES
+from warp_neural.kernels.nn.spec import C_TYPES
 
 SIZES = {wp.float16: 2, wp.float32: 4}
 ROW = "const size_t pitch = {array}.strides[0]; char* const bytes = reinterpret_cast<char*>({data}) + row * pitch;\n"

@@ -3,9 +3,10 @@
 from functools import cache
 
 import warp as wp
-
-from kernels.coopvec import cpu, cuda
-from kernels.coopvec.spec import NetworkSpec, Parameters
+from warp_neural.kernels.coopvec.cpu import network as cpu
+from warp_neural.kernels.coopvec.cuda import network as cuda
+from warp_neural.kernels.native import both
+from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 
 
 @cache
@@ -24,7 +25,3 @@ def make_network(spec: NetworkSpec) -> wp.Function:
     def network(params: Parameters, x: vec_in) -> vec_out: ...
 
     return network
-
-
-def both(cpu_text: str, cuda_text: str) -> str:
-    return f"#if defined(__CUDA_ARCH__)\n{cuda_text}\n#else\n{cpu_text}\n#endif\n"

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
-
-from kernels.coopvec import operations_text as text
-from kernels.coopvec.spec import FLOAT16, INT8, Format
+from warp_neural.kernels.coopvec import operations_text as text
+from warp_neural.kernels.nn.spec import FLOAT16, INT8, Format
 
 
 @wp.struct

@@ -1,14 +1,15 @@
 """C++ text of the four operations: one portable per-thread form, and the tensor cores where a whole warp arrives."""
 
 import warp as wp
-
-from kernels import activations
-from kernels.coopvec import cuda, cuda_adjoint, fragments, primitives
-from kernels.coopvec.convert import element_index
-from kernels.coopvec.cuda_scalar import ADD
-from kernels.coopvec.formats import DECODE, ENCODE
-from kernels.coopvec.layout import LayerLayout
-from kernels.coopvec.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, NetworkSpec, round_up
+from warp_neural.kernels.coopvec.convert import element_index
+from warp_neural.kernels.coopvec.cuda import adjoint as cuda_adjoint
+from warp_neural.kernels.coopvec.cuda import fragments, primitives
+from warp_neural.kernels.coopvec.cuda import network as cuda
+from warp_neural.kernels.coopvec.cuda.scalar import ADD
+from warp_neural.kernels.coopvec.formats import DECODE, ENCODE
+from warp_neural.kernels.coopvec.layout import LayerLayout
+from warp_neural.kernels.nn import activations
+from warp_neural.kernels.nn.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, NetworkSpec, round_up
 
 WORDS = {8: "unsigned char", 16: "unsigned short", 32: "unsigned"}
 

@@ -3,10 +3,9 @@
 from functools import cache
 
 import warp as wp
-
-from kernels.coopvec import cuda
-from kernels.coopvec.memory import make_load, make_store
-from kernels.coopvec.spec import FLOAT16, NetworkSpec, Parameters
+from warp_neural.kernels.coopvec.cuda import network as cuda
+from warp_neural.kernels.coopvec.memory import make_load, make_store
+from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, Parameters
 
 BLOCK = 64  # threads of a block that evaluates rows: with few, more of a row is staged at a time
 FOLLOW = """

@@ -3,11 +3,10 @@
 from functools import cache
 
 import warp as wp
-
-from kernels.coopvec.formats import make_encode
-from kernels.coopvec.spec import NetworkSpec
-from kernels.training.plan import Plan
-from kernels.training.progress import Progress, batch_of, rate_of
+from warp_neural.kernels.coopvec.formats import make_encode
+from warp_neural.kernels.nn.spec import NetworkSpec
+from warp_neural.kernels.training.mma.schedule import Plan
+from warp_neural.kernels.training.progress import Progress, batch_of, rate_of
 
 COLUMNS = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
 

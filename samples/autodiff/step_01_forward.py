@@ -6,9 +6,9 @@ Expect 14 along (1, 1), 6 along (1, 0), 8 along (0, 1), for square(x, y) = x^2 +
 """
 
 import warp as wp
+from warp_neural.samples.autodiff.lecture import check, square
 
 import warp_neural as wn
-from samples.autodiff.lecture import check, square
 from warp_neural import cli
 
 

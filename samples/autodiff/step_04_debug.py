@@ -7,9 +7,9 @@ infinite gradient found where a square root is taken of 0.
 """
 
 import warp as wp
+from warp_neural.samples.autodiff.lecture import backward, check, scalar
 
 import warp_neural as wn
-from samples.autodiff.lecture import backward, check, scalar
 from warp_neural import cli
 
 debug_grad = wn.autodiff.debug_grad

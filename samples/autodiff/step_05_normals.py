@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
+from warp_neural.samples.autodiff.figures import save_sheet
+from warp_neural.samples.autodiff.scene import DOUBLE, SINGLE
 
-from samples.autodiff.figures import save_sheet
-from samples.autodiff.scene import DOUBLE, SINGLE
 from warp_neural import cli
 from warp_neural.errors import InputError
 

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-
-from samples.figures import save_figure, save_picture
+from warp_neural.samples.figures import save_figure, save_picture
 
 LABELS = {
     "per_thread": "per thread",

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from skimage import data
 
-from warp_neural.image import linear_to_srgb, load_image
+from warp_neural.imaging.image import linear_to_srgb, load_image
 
 
 def load_picture(path: Path | None, side: int, seed: int) -> np.ndarray:

@@ -33,19 +33,19 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import warp as wp
+from warp_neural.samples.mipmap.chain import learn_chain
+from warp_neural.samples.mipmap.classical import box_filter, toksvig
+from warp_neural.samples.mipmap.figures import save_comparison, save_curves, save_maps
+from warp_neural.samples.mipmap.judge import Errors, flip, judge, random_directions, render, workers
+from warp_neural.samples.mipmap.learn import Learner, Recipe, run
+from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, pack, source_maps
+from warp_neural.samples.mipmap.sweep import sweep
 
-from samples.mipmap.chain import learn_chain
-from samples.mipmap.classical import box_filter, toksvig
-from samples.mipmap.figures import save_comparison, save_curves, save_maps
-from samples.mipmap.judge import Errors, flip, judge, random_directions, render, workers
-from samples.mipmap.learn import Learner, Recipe, run
-from samples.mipmap.maps import Maps, MaterialConfig, pack, source_maps
-from samples.mipmap.sweep import sweep
 from warp_neural import cli
 from warp_neural.errors import InputError
-from warp_neural.files import atomic_path
-from warp_neural.image import displayed_psnr
-from warp_neural.optim import SGD, Adam
+from warp_neural.imaging.image import displayed_psnr
+from warp_neural.io.files import atomic_path
+from warp_neural.train.optim import SGD, Adam
 
 BALANCE = (0.25, 0.75)  # of linear and displayed error in the loss
 
@@ -131,7 +131,7 @@ def learn(config: Config, source: wp.array, recipes: dict[str, Recipe], steps: i
         watch(steps)
         return Learned(learner.maps(), np.array(curve), seconds)
 
-    for module in (Learner.__module__, judge.__module__, "kernels.optimizers"):
+    for module in (Learner.__module__, judge.__module__, "warp_neural.kernels.nn.optimizers"):
         wp.load_module(module, device=source.device)  # before the threads, or each compiles it
     with ThreadPoolExecutor(workers(source.device)) as pool:
         return dict(zip(recipes, pool.map(follow, recipes), strict=True))

@@ -1,8 +1,7 @@
 """The two classical ways to shrink a material's maps."""
 
 import numpy as np
-
-from samples.mipmap.maps import Maps
+from warp_neural.samples.mipmap.maps import Maps
 
 
 def mean(image: np.ndarray, factor: int) -> np.ndarray:

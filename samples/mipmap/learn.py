@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+from warp_neural.samples.mipmap.maps import Maps, load_channels, packed_normal, packed_shade
 
-from samples.mipmap.maps import Maps, load_channels, packed_normal, packed_shade
-from warp_neural.optim import Parameters, cosine
-from warp_neural.shading import (
+from warp_neural.materials.shading import (
     brdf,
     display_smooth,
     lobe_density,
@@ -18,6 +17,7 @@ from warp_neural.shading import (
     random_stream,
     uniform_hemisphere,
 )
+from warp_neural.train.optim import Parameters, cosine
 
 wp.set_module_options({"fast_math": True})  # CUDA: divisions and roots good to 2 ulp; the judge has exact ones
 MIN_ROUGHNESS = wp.constant(0.032)  # the shader's own floor
@@ -150,7 +150,7 @@ def project_kernel(
 class Recipe:
     """How to learn: from which maps, along which gradients, and what follows them."""
 
-    optimizer: Callable  # warp_neural.optim.Adam or SGD
+    optimizer: Callable  # warp_neural.train.optim.Adam or SGD
     rate: float  # at the start; a cosine takes it to 0
     start: Maps
     uniform_share: float  # of the pairs that are uniform on the hemisphere
@@ -196,7 +196,7 @@ def run(learner: Learner, steps: Iterable[int], *, every: int, watch: Callable[[
     """Take the steps, calling `watch(step)` before each `every`-th; the seconds that the steps alone took."""
     graph = None
     if learner.device.is_cuda:
-        wp.load_module("kernels.optimizers", device=learner.device)  # not while a graph is captured
+        wp.load_module("warp_neural.kernels.nn.optimizers", device=learner.device)  # not while a graph is captured
         with wp.ScopedCapture(device=learner.device) as capture:
             learner.step()
         graph = capture.graph

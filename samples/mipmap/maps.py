@@ -8,10 +8,10 @@ import warp as wp
 
 from warp_neural.cli import CommonConfig
 from warp_neural.coopvec import make_load
-from warp_neural.default_material import default_material
 from warp_neural.errors import InputError
-from warp_neural.material import load_material
-from warp_neural.shading import brdf
+from warp_neural.materials.default_material import default_material
+from warp_neural.materials.material import load_material
+from warp_neural.materials.shading import brdf
 
 Channels = wp.types.vector(8, wp.float32)
 

@@ -16,9 +16,9 @@ from collections.abc import Callable
 
 import numpy as np
 import warp as wp
+from warp_neural.samples.network.target import Config, load_target, psnr, save_beside
 
 import warp_neural as wn
-from samples.network.target import Config, load_target, psnr, save_beside
 from warp_neural import cli
 
 GRID = wp.constant(64)

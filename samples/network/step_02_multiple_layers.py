@@ -6,9 +6,10 @@ Only the network differs from step 1. Each hidden ReLU folds the picture along a
 soft, and where an output began below 0, as all biases begin at 0, it may stay black.
 """
 
+from warp_neural.samples.network.step_01_basic_network import fit
+from warp_neural.samples.network.target import Config, load_target
+
 import warp_neural as wn
-from samples.network.step_01_basic_network import fit
-from samples.network.target import Config, load_target
 from warp_neural import cli
 
 

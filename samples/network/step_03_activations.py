@@ -5,9 +5,10 @@
 The activations differ from step 2. No neuron is without derivative any more, and colours are positive from the start.
 """
 
+from warp_neural.samples.network.step_01_basic_network import fit
+from warp_neural.samples.network.target import Config, load_target
+
 import warp_neural as wn
-from samples.network.step_01_basic_network import fit
-from samples.network.target import Config, load_target
 from warp_neural import cli
 
 

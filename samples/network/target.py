@@ -8,7 +8,7 @@ from skimage import data
 
 from warp_neural.cli import CommonConfig
 from warp_neural.errors import InputError
-from warp_neural.image import displayed_psnr, linear_to_srgb, load_image, save_image, srgb_to_linear
+from warp_neural.imaging.image import displayed_psnr, linear_to_srgb, load_image, save_image, srgb_to_linear
 
 
 @dataclass(frozen=True, kw_only=True)

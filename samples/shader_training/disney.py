@@ -9,7 +9,7 @@ SDK.
 import warp as wp
 
 import warp_neural as wn
-from warp_neural.shading import ggx_alpha, schlick
+from warp_neural.materials.shading import ggx_alpha, schlick
 
 ENCODING = wn.encodings.Frequency(octaves=3)
 N_IN, N_OUT = 5, 4

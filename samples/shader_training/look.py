@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
+from warp_neural.samples.shader_training.spheres import Surface
 
-from samples.shader_training.spheres import Surface
 from warp_neural import cli
 from warp_neural.errors import InputError
 

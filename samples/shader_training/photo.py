@@ -10,7 +10,7 @@ import warp as wp
 import warp_neural as wn
 from warp_neural.cli import CommonConfig
 from warp_neural.errors import InputError
-from warp_neural.image import displayed_psnr, linear_to_srgb, load_image, srgb_to_linear
+from warp_neural.imaging.image import displayed_psnr, linear_to_srgb, load_image, srgb_to_linear
 
 
 @dataclass(frozen=True, kw_only=True)

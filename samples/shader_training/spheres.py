@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import warp as wp
+from warp_neural.samples.shader_training.disney import cosines, disney_terms, radiance
 
 import warp_neural as wn
-from samples.shader_training.disney import cosines, disney_terms, radiance
-from warp_neural.shading import display
+from warp_neural.materials.shading import display
 
 DISTANCE = 4.0  # of the eye from the centre of the unit sphere
 

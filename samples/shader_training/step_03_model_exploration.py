@@ -10,10 +10,10 @@ the edges, four coarse ones, for the colours, and one hidden layer. Expect 20.0,
 from dataclasses import dataclass
 
 import warp as wp
+from warp_neural.samples.shader_training.figures import save_fits
+from warp_neural.samples.shader_training.photo import PhotoConfig, bilinear, load_photo, picture, psnr
 
 import warp_neural as wn
-from samples.shader_training.figures import save_fits
-from samples.shader_training.photo import PhotoConfig, bilinear, load_photo, picture, psnr
 from warp_neural import cli
 
 OCTAVES = wn.encodings.Frequency(octaves=3)

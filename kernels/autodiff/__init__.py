@@ -1,0 +1,1 @@
+"""Rules of forward-mode differentiation, and `debug_grad`."""

@@ -1,0 +1,1 @@
+"""C++ text of networks for the CPU."""

@@ -1,0 +1,1 @@
+"""CUDA text of networks: tensor cores, and per-thread arithmetic."""

@@ -1,0 +1,221 @@
+"""What all encodings share: the text of one encoding becomes a function of the thread, its adjoint, or part of another.
+
+The C++ text of an encoding sees these names, each a pointer to floats: `in` [n_in], `out` [n_out] and `p`, its
+trainable parameters; the adjoint's text also `d_out`, `d_in`, to which it adds, and `grad`, of the parameters, or null.
+Constants say what is to be done, `WHOLE` everything: share `share` of `shares` of the results, which `out` or `d_out`
+holds alone, thread `lane` of the `lanes` that do it together (what they set or add is summed); and in the adjoint, if
+`crowded`, parameters that are (see `Encoding.crowded`), and if `others`, the others.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import gcd
+from typing import NamedTuple
+
+import warp as wp
+from warp_neural.kernels.nn.spec import Parameters
+
+UNROLL = """
+#if defined(__CUDA_ARCH__)
+#pragma unroll
+#endif
+"""
+
+WHOLE = "constexpr int share = 0, shares = 1, lane = 0, lanes = 1;\nconstexpr bool crowded = true, others = true;\n"
+
+# `add(place, value)`, `add2`, `add4`: to the gradient, at an address aligned to as many floats
+ADD = """
+#if defined(__CUDA_ARCH__)
+auto add = [](real* a, real x) { asm volatile("red.global.add.f32 [%0],%1;" :: "l"(a), "f"(x) : "memory"); };
+auto add2 = [&](real* a, real x, real y) {
+#if __CUDA_ARCH__ >= 900
+    asm volatile("red.global.add.v2.f32 [%0],{%1,%2};" :: "l"(a), "f"(x), "f"(y) : "memory");
+#else
+    add(a, x); add(a + 1, y);
+#endif
+};
+auto add4 = [&](real* a, real x, real y, real z, real w) {
+#if __CUDA_ARCH__ >= 900
+    asm volatile("red.global.add.v4.f32 [%0],{%1,%2,%3,%4};" :: "l"(a), "f"(x), "f"(y), "f"(z), "f"(w) : "memory");
+#else
+    add2(a, x, y); add2(a + 2, z, w);
+#endif
+};
+#else
+auto add = [](real* a, real x) { *a += x; };
+auto add2 = [](real* a, real x, real y) { a[0] += x; a[1] += y; };
+auto add4 = [](real* a, real x, real y, real z, real w) { a[0] += x; a[1] += y; a[2] += z; a[3] += w; };
+#endif
+"""
+
+
+ENTER_ADJOINT = f"real* const grad = params.master.grad ? params.master.grad + start : nullptr;\n{ADD}"
+
+
+@dataclass(frozen=True)
+class Encoding(ABC):
+    """A function of n_in inputs with n_out results, for the front of a network; some have trainable parameters.
+
+    `initial`: uniform range of fresh parameters. Sizes that an encoding cannot take are a `ValueError`.
+    """
+
+    @property
+    def initial(self) -> tuple[float, float]:
+        return 0.0, 0.0
+
+    @property
+    def sparse(self) -> bool:
+        """Whether parameters whose gradient is exactly 0 rest in that step of a `Trainer`, and so do their moments.
+
+        A batch reaches few entries of a large table (Mueller et al. 2022, section 4).
+        """
+        return True
+
+    @property
+    def shares(self) -> int:
+        """Of the results, equal and one after the other, for threads of their own in a CUDA kernel of many samples."""
+        return 1
+
+    @property
+    def lanes(self) -> int:
+        """Threads that take a share together there: 1, 2, 4, ... of a warp, side by side."""
+        return 1
+
+    def crowded(self, n_in: int) -> int:
+        """How many parameters, the first ones, so many samples share that their gradients would queue in memory."""
+        return 0
+
+    def leaves(self, n_in: int) -> list["Leaf"]:
+        """The encodings that it consists of, which can be run one by one."""
+        return [Leaf(self, tuple(range(n_in)), 0, 0)]
+
+    @abstractmethod
+    def n_out(self, n_in: int) -> int:
+        """Results for as many inputs."""
+
+    def n_parameters(self, n_in: int) -> int:
+        """Trainable float32 parameters."""
+        return 0
+
+    def make(self, n_in: int, offset: int = 0, stride: int | None = None) -> wp.Function:
+        """`(params: Parameters, x: vec of n_in float32) -> vec of n_out float32`, for any thread of any kernel.
+
+        The parameters of network i lie in `params.master` from `offset + i * stride` on; `stride` is `n_parameters` if
+        not given. Offsets and strides that are multiples of 4 are read and added to in whole vectors. Differentiable
+        through `wp.Tape` in x and in `params.master`.
+        """
+        return make_encode(self, n_in, offset, self.n_parameters(n_in) if stride is None else stride)
+
+    def make_adjoint(self, n_in: int, offset: int = 0, stride: int | None = None) -> wp.Function | None:
+        """`(params: Parameters, x, dy: vec of n_out) -> None`: adds the parameters' gradient to `params.master.grad`.
+
+        For kernels that are not differentiated themselves. None for encodings without parameters.
+        """
+        if self.n_parameters(n_in) == 0:
+            return None
+        return make_encode_adjoint(self, n_in, offset, self.n_parameters(n_in) if stride is None else stride)
+
+    @abstractmethod
+    def forward(self, n_in: int, aligned: int) -> str:
+        """C++ that sets every `out`; `p` is aligned to `aligned` floats, 1, 2 or 4."""
+
+    @abstractmethod
+    def adjoint(self, n_in: int, aligned: int) -> str:
+        """C++ that adds to `d_in` and, unless it is null, to `grad`."""
+
+
+class Leaf(NamedTuple):
+    """An encoding within another: the inputs that it reads, and where its results and its parameters start there."""
+
+    encoding: Encoding
+    inputs: tuple[int, ...]
+    result: int
+    parameter: int
+
+
+@cache
+def make_encode(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.Function:
+    """`Encoding.make`."""
+    n_out, aligned = encoding.n_out(n_in), gcd(offset, stride, 4)
+    vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(n_out, float)
+    forward = f"wp::vec_t<{n_out}, real> y;\nreal* const out = y.c;\n{encoding.forward(n_in, aligned)}return y;\n"
+    pointers = "const real* const d_out = adj_ret.c;\nreal* const d_in = adj_x.c;\n"
+
+    begin = WHOLE + enter(range(n_in), offset, stride)
+
+    @wp.func_native(
+        begin + forward,
+        adj_snippet=begin + ENTER_ADJOINT + pointers + encoding.adjoint(n_in, aligned),
+    )
+    def encode(params: Parameters, x: vec_in) -> vec_out: ...
+
+    return encode
+
+
+@cache
+def make_encode_adjoint(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.Function:
+    """`Encoding.make_adjoint`."""
+    vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(encoding.n_out(n_in), float)
+
+    pointers = f"const real* const d_out = dy.c;\nreal unused[{n_in}] = {{}};\nreal* const d_in = unused;\n"
+
+    begin = WHOLE + enter(range(n_in), offset, stride) + ENTER_ADJOINT + pointers
+
+    @wp.func_native(begin + encoding.adjoint(n_in, gcd(offset, stride, 4)))
+    def encode_adjoint(params: Parameters, x: vec_in, dy: vec_out): ...
+
+    return encode_adjoint
+
+
+def enter(inputs: Sequence[int], offset: int, stride: int) -> str:
+    return f"""using real = wp::float32;
+const wp::int64 start = {offset} + wp::int64(params.network) * {stride};
+const real in[] = {{{", ".join(f"x.c[{i}]" for i in inputs)}}};
+const real* const p = params.master.data + start;
+"""
+
+
+def read_entry(count: int, aligned: int, place: str) -> str:
+    """Statements that read `count` floats at `place`, aligned to `aligned`, into a new array `v`."""
+    width = gcd(count, aligned)
+    if width == 1:
+        load = "v[c] = __ldg(entry + c);"
+    else:
+        load = f"const float{width} q = __ldg(reinterpret_cast<const float{width}*>(entry + c)); "
+        load += " ".join(f"v[c + {i}] = q.{axis};" for i, axis in enumerate("xyzw"[:width]))
+    return f"""const real* const entry = {place};
+real v[{count}];
+#if defined(__CUDA_ARCH__)
+#pragma unroll
+for (int c = 0; c < {count}; c += {width}) {{ {load} }}
+#else
+for (int c = 0; c < {count}; ++c) v[c] = entry[c];
+#endif
+"""
+
+
+def add_entry(count: int, aligned: int, place: str, weight: str, values: str) -> str:
+    """Statements that add `weight` times the `count` floats of array `values` to the gradient at `place`."""
+    width = gcd(count, aligned)
+    terms = ", ".join(f"{weight} * {values}[c + {i}]" for i in range(width))
+    return f"""real* const target = {place};{UNROLL}
+for (int c = 0; c < {count}; c += {width}) add{width if width > 1 else ""}(target + c, {terms});
+"""
+
+
+def number(value: float) -> str:
+    """A float literal."""
+    return f"{float(value)!r}f"
+
+
+def numbers(values) -> str:
+    """The inside of an initializer."""
+    return ", ".join(number(value) for value in values)
+
+
+def require_positive(encoding: Encoding, *names: str) -> None:
+    for name in names:
+        if getattr(encoding, name) < 1:
+            raise ValueError(f"{type(encoding).__name__}({name}={getattr(encoding, name)}): at least 1 is needed")

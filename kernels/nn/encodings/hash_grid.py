@@ -1,0 +1,150 @@
+"""The multiresolution hash grid: trainable features at the vertices of grids from coarse to fine."""
+
+from dataclasses import dataclass
+from math import ceil
+from typing import NamedTuple
+
+from warp_neural.kernels.nn.encodings.base import UNROLL, Encoding, add_entry, numbers, read_entry, require_positive
+from warp_neural.kernels.nn.spec import round_up
+
+CROWDED = 1 << 12, 46 << 10  # entries of a table at most, and bytes of all such tables: what shared memory holds
+RESULTS = 8  # of a share, if possible: 16 bytes of float16
+PRIMES = (1, 2654435761, 805459861, 3674653429)
+
+
+class Level(NamedTuple):
+    scale: float  # of the input, to vertices
+    size: int  # table entries
+    start: int  # in floats
+    hashed: bool
+    factors: list[int]  # of the vertex coordinates: their products are added, or if hashed, combined by exclusive or
+
+
+@dataclass(frozen=True)
+class HashGrid(Encoding):
+    """`levels` * `features` values at a point of [0, 1]^d, d = 1 to 4 (Mueller et al. 2022), d-linear in each cell.
+
+    Level l has base_resolution * growth^l vertices a side and a table of at most 2^log2_size entries of `features`
+    floats. A level whose vertices all fit has an entry for each; in a finer one they share entries by a hash. Grids,
+    tables and their order are tiny-cuda-nn's (defaults too), and so is the half cell by which all grids are shifted;
+    near 1 it lets a dense level reach past its last vertex, where it reads another row's. Results go by level.
+    """
+
+    levels: int = 16
+    features: int = 2
+    log2_size: int = 19
+    base_resolution: int = 16
+    growth: float = 2.0
+    initial: tuple[float, float] = (-1e-4, 1e-4)
+
+    def __post_init__(self):
+        require_positive(self, "levels", "features", "log2_size", "base_resolution", "growth")
+        if self.log2_size > 28 or self.base_resolution * self.growth ** (self.levels - 1) > 2**30:
+            raise ValueError(f"{self}: tables have at most 2^28 entries, and levels 2^30 vertices a side")
+
+    def n_out(self, n_in: int) -> int:
+        if not 1 <= n_in <= 4:
+            raise ValueError(f"HashGrid: {n_in} inputs; it takes 1 to 4")
+        return self.levels * self.features
+
+    @property
+    def shares(self) -> int:
+        n_out = self.levels * self.features
+        return n_out // RESULTS if RESULTS % self.features == 0 and n_out % RESULTS == 0 else 1
+
+    @property
+    def lanes(self) -> int:
+        return 2  # one for each end of the cell along x: they often read one sector
+
+    def crowded(self, n_in: int) -> int:
+        return sum(table.size * self.features for table in self.tables(n_in)[: self.crowded_levels(n_in)])
+
+    def crowded_levels(self, n_in: int) -> int:
+        entries, bytes = CROWDED
+        tables = self.tables(n_in)
+        ends = [table.start + table.size * self.features for table in tables if table.size <= entries]
+        return sum(4 * end <= bytes for end in ends)
+
+    def n_parameters(self, n_in: int) -> int:
+        last = self.tables(n_in)[-1]
+        return last.start + last.size * self.features
+
+    def tables(self, n_in: int) -> list[Level]:
+        tables, start = [], 0
+        for level in range(self.levels):
+            scale = self.base_resolution * self.growth**level - 1  # vertices lie at both ends
+            resolution = ceil(round(scale, 3)) + 1  # rounded: growth is often the root of a whole number
+            vertices = resolution**n_in
+            size = min(round_up(vertices, 8), 2**self.log2_size)
+            hashed = vertices > size
+            factors = list(PRIMES[:n_in]) if hashed else [resolution**axis for axis in range(n_in)]
+            tables.append(Level(scale, size, start, hashed, factors))
+            start += size * self.features
+        return tables
+
+    def forward(self, n_in: int, aligned: int) -> str:
+        values = f"out[(l - first) * {self.features} + c]"
+        return self.for_each_level(
+            n_in,
+            "first",
+            "end",
+            f"for (int c = 0; c < {self.features}; ++c) {values} = 0.0f;",
+            f"""{read_entry(self.features, aligned, "p + at")}
+for (int c = 0; c < {self.features}; ++c) {values} += weight * v[c];""",
+        )
+
+    def adjoint(self, n_in: int, aligned: int) -> str:
+        crowd = self.crowded_levels(n_in)
+        return self.for_each_level(
+            n_in,
+            f"wp::max(first, crowded ? 0 : {crowd})",
+            f"wp::min(end, others ? {self.levels} : {crowd})",
+            f"const real* const d = d_out + (l - first) * {self.features};",
+            f"""{read_entry(self.features, aligned, "p + at")}
+real dot = 0.0f;
+for (int c = 0; c < {self.features}; ++c) dot += d[c] * v[c];
+for (int a = 0; a < {n_in}; ++a) {{
+    real slope = corner >> a & 1 ? scale[l] : -scale[l];
+    for (int b = 0; b < {n_in}; ++b) if (b != a) slope *= corner >> b & 1 ? share[b] : 1.0f - share[b];
+    d_in[a] += slope * dot;
+}}
+if (grad) {{ {add_entry(self.features, aligned, "grad + at", "weight", "d")} }}""",
+        )
+
+    def for_each_level(self, n_in: int, low: str, high: str, begin: str, use: str) -> str:
+        """`begin` for each level l of the share, from low to high, then `use` for each corner of the cell there.
+
+        Its weight is `weight`, its entry starts at `at`.
+        """
+        tables = self.tables(n_in)
+        factors = [str(f) + "u" for table in tables for f in table.factors]
+        return f"""const real scale[{self.levels}] = {{{numbers(table.scale for table in tables)}}};
+const wp::uint32 factor[{len(factors)}] = {{{", ".join(factors)}}};
+const wp::uint32 size[{self.levels}] = {{{", ".join(f"{table.size}u" for table in tables)}}};
+const wp::int64 start_of[{self.levels}] = {{{", ".join(str(table.start) for table in tables)}}};
+const bool hashed[{self.levels}] = {{{", ".join(str(table.hashed).lower() for table in tables)}}};
+constexpr int first = {self.levels} * share / shares, end = {self.levels} * (share + 1) / shares;{UNROLL}
+for (int l = {low}; l < {high}; ++l) {{
+real share[{n_in}];
+wp::uint32 vertex[{n_in}];
+for (int a = 0; a < {n_in}; ++a) {{
+    const real position = in[a] * scale[l] + 0.5f, whole = wp::floor(position);
+    vertex[a] = static_cast<wp::uint32>(static_cast<wp::int32>(whole));
+    share[a] = position - whole;
+}}
+{begin}{UNROLL}
+for (int k = 0; k < {2**n_in} / lanes; ++k) {{
+const int corner = k * lanes | lane;
+real weight = 1.0f;
+wp::uint32 index = 0u;
+for (int a = 0; a < {n_in}; ++a) {{
+    const wp::uint32 bit = corner >> a & 1, term = (vertex[a] + bit) * factor[l * {n_in} + a];
+    weight *= bit ? share[a] : 1.0f - share[a];
+    index = hashed[l] ? index ^ term : index + term;
+}}
+index = hashed[l] ? index & (size[l] - 1u) : index < size[l] ? index : index % size[l];
+const wp::int64 at = start_of[l] + static_cast<wp::int64>(index) * {self.features};
+{use}
+}}
+}}
+"""

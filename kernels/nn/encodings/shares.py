@@ -1,0 +1,110 @@
+"""Encodings for CUDA kernels of many samples: a thread has one share of the results, or one of the lanes of a share.
+
+`leaf` is what is encoded; its parameters start `start` floats into `params.master`.
+"""
+
+from functools import cache
+from math import gcd
+from typing import NamedTuple
+
+import warp as wp
+from warp_neural.kernels.nn.encodings.base import ADD, UNROLL, WHOLE, Leaf, enter
+from warp_neural.kernels.nn.spec import Parameters
+
+SUM_LANES = f"""#if defined(__CUDA_ARCH__)
+{UNROLL}for (int m = 1; m < lanes; m *= 2) for (real& value : y.c) value += __shfl_xor_sync(0xffffffffu, value, m);
+#endif
+"""
+
+
+def each_share(leaf: Leaf, text: str) -> str:
+    """`text` of share `which`, a constant in it."""
+    shares, lanes = leaf.encoding.shares, leaf.encoding.lanes
+    begin = f"constexpr int shares = {shares}, lanes = {lanes};\nconst int lane = of & {lanes - 1};\n"
+    return begin + "".join(f"if (which == {s}) {{\nconstexpr int share = {s};\n{text}}}\n" for s in range(shares))
+
+
+def vec_share(leaf: Leaf) -> type:
+    return wp.types.vector(leaf.encoding.n_out(len(leaf.inputs)) // leaf.encoding.shares, wp.float32)
+
+
+@cache
+def make_encode_share(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
+    """`(params, x, which, of) -> the share's results`, by its lanes together: whole warps. of: which lane."""
+    vec_out, n_in = vec_share(leaf), len(leaf.inputs)
+    text = "real* const out = y.c;\n" + leaf.encoding.forward(n_in, gcd(start, 4)) + SUM_LANES
+    begin = enter(leaf.inputs, start, 0) + f"wp::vec_t<{vec_out._length_}, real> y;\n"
+
+    @wp.func_native(begin + each_share(leaf, text) + "return y;\n")
+    def encode(params: Parameters, x: vec_in, which: int, of: int) -> vec_out: ...
+
+    return encode
+
+
+def adjoint_text(leaf: Leaf, start: int) -> str:
+    n_in = len(leaf.inputs)
+    begin = f"real d_in[{n_in}] = {{}};\nconst real* const d_out = dy.c;\n"
+    return begin + leaf.encoding.adjoint(n_in, gcd(start, 4))
+
+
+@cache
+def make_adjoint_share(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
+    """`(params, x, dy, which, of)`: adds to `params.master.grad`, but for what is crowded; of: which lane."""
+    vec_out = vec_share(leaf)
+    begin = enter(leaf.inputs, start, 0) + "real* const grad = params.master.grad + start;\n" + ADD
+    begin += "constexpr bool crowded = false, others = true;\n"
+
+    @wp.func_native(begin + each_share(leaf, adjoint_text(leaf, start)))
+    def adjoint(params: Parameters, x: vec_in, dy: vec_out, which: int, of: int): ...
+
+    return adjoint
+
+
+ADD_SHARED = """auto add = [](real* a, real x) { atomicAdd(a, x); };
+auto add2 = [](real* a, real x, real y) { atomicAdd(a, x); atomicAdd(a + 1, y); };
+auto add4 = [](real* a, real x, real y, real z, real w) {
+    atomicAdd(a, x); atomicAdd(a + 1, y); atomicAdd(a + 2, z); atomicAdd(a + 3, w); };
+"""
+
+
+class Crowd(NamedTuple):
+    """Native functions by which a block sums the gradients of what is crowded; `memory` is a tile of floats."""
+
+    clear: wp.Function  # (memory), whole blocks
+    add: wp.Function  # (params, memory, x, dy) of a sample, all its shares
+    flush: wp.Function  # (params, memory), whole blocks: adds the sums to `params.master.grad`
+
+
+@cache
+def make_crowd(leaf: Leaf, vec_in: type, start: int) -> Crowd:
+    n_in = len(leaf.inputs)
+    n, vec_out = leaf.encoding.crowded(n_in), wp.types.vector(leaf.encoding.n_out(n_in), wp.float32)
+    memory_of = wp.tile(dtype=wp.float32, shape=(n,))
+    width = gcd(n, start, 4)
+    values = ", ".join(f"sums[k + {c}]" for c in range(width))
+    each = f"for (int k = threadIdx.x * {width}; k < {n}; k += blockDim.x * {width})"
+    clear = f"{each} for (int c = 0; c < {width}; ++c) memory.data.ptr[k + c] = 0.0f;\n__syncthreads();\n"
+    add = WHOLE.replace("others = true", "others = false") + enter(leaf.inputs, start, 0)
+    add += f"real* const grad = memory.data.ptr;\n{ADD_SHARED}{adjoint_text(leaf, start)}"
+    flush = f"""using real = wp::float32;
+real* const grad = params.master.grad + {start};
+const real* const sums = memory.data.ptr;
+{ADD}
+__syncthreads();
+{each} {{
+    bool any = false;
+    for (int c = 0; c < {width}; ++c) any |= sums[k + c] != 0.0f;
+    if (any) add{width if width > 1 else ""}(grad + k, {values});
+}}
+"""
+
+    @wp.func_native(clear)
+    def clear(memory: memory_of): ...
+
+    @wp.func_native(add)
+    def add(params: Parameters, memory: memory_of, x: vec_in, dy: vec_out): ...
+
+    @wp.func_native(flush)
+    def flush(params: Parameters, memory: memory_of): ...
+
+    return Crowd(clear, add, flush)

@@ -1,0 +1,1 @@
+"""The course's BRDF, directions and densities, tone mapping, texture reads."""

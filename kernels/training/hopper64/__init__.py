@@ -1,0 +1,1 @@
+"""A fused training step by warpgroups (`wgmma`), for 64 neurons a layer."""

@@ -1,0 +1,232 @@
+"""CUDA text of a fused training step by warpgroups (`wgmma`, sm_90a): what all parts share, and the forward pass.
+
+Names as in `kernels.training.mma.forward`, but that a tile `m` is 64 samples, of which each warp has 16 rows. Vectors
+stay in registers from layer to layer, as `wgmma` leaves results the way it takes its first operand. Slots (see
+`warpgroup_plan`) have the layout that both operands of `wgmma` can be read from, with either dimension inside: the
+16-byte units of a row are swizzled by the row's low three bits (PTX ISA, matrix descriptors, 128-byte swizzling). The
+two tiles of a layer take turns: while one is multiplied, the other's results are activated.
+"""
+
+from typing import Literal
+
+from warp_neural.kernels.coopvec.cuda import primitives
+from warp_neural.kernels.coopvec.cuda.fragments import unrolled
+from warp_neural.kernels.coopvec.cuda.primitives import MMA_TYPES
+from warp_neural.kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
+from warp_neural.kernels.nn.activations import linear, relu
+from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, round_up
+from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
+from warp_neural.kernels.training.hopper128.schedule import WidePlan
+from warp_neural.kernels.training.mma.forward import MEMORY, ones_of, slopes
+
+
+def wgmma(name: str, spec: NetworkSpec, n: int, a: Literal["registers", "rows", "columns"], transposed: bool) -> str:
+    """A lambda `name(d, a, b, keep)`: d = a b, plus d if `keep`, of 64 x `n`. a: in "registers", four of them, or the
+    descriptor of a matrix in shared memory by "rows" or "columns". transposed: b is by columns."""
+    count, element = n // 2, MMA_TYPES[spec.format][1]
+    results = ",".join(f"%{i}" for i in range(count))
+    outputs = ", ".join(f'"+f"(d[{i}])' for i in range(count))
+    if a == "registers":
+        kind, inputs = "const unsigned (&a)[4]", ", ".join(f'"r"(a[{r}])' for r in range(4))
+        source, b, turns = "{" + ",".join(f"%{count + r}" for r in range(4)) + "}", count + 4, f"{transposed:d}"
+    else:
+        kind, inputs, source, b = "Tile a", '"l"(a)', f"%{count}", count + 1
+        turns = f"{a == 'columns':d}, {transposed:d}"
+    return f"""auto {name} = [](real (&d)[{count}], {kind}, Tile b, int keep) {{
+asm volatile("{{.reg .pred p; setp.ne.b32 p, %{b + 1}, 0;\\n"
+    "wgmma.mma_async.sync.aligned.m64n{n}k16.f32.{element}.{element} {{{results}}}, {source}, %{b}, p, 1, 1, {turns};}}"
+    : {outputs} : {inputs}, "l"(b), "r"(keep) : "memory"); }};
+"""
+
+
+PRODUCTS = """
+typedef unsigned long long Tile;
+// matrix descriptor: 1024 bytes from 8 rows to the next 8, `beyond` from 64 columns to the next; of the last dz 256
+auto tile = [](unsigned address, unsigned beyond) {
+    return static_cast<Tile>(address >> 4 | beyond >> 4 << 16) | static_cast<Tile>(64u | 1u << 30) << 32; };
+auto last_tile = [](unsigned address) {
+    return static_cast<Tile>(address >> 4) | static_cast<Tile>(16u | 3u << 30) << 32; };
+auto begin_products = []() { asm volatile("wgmma.fence.sync.aligned;" ::: "memory"); };
+auto commit = []() { asm volatile("wgmma.commit_group.sync.aligned;" ::: "memory"); };
+auto publish = []() { asm volatile("fence.proxy.async.shared::cta;" ::: "memory"); };  // own stores, to wgmma
+"""
+
+
+def enter(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
+    """Lambdas; addresses of the block's `weights` and of the warpgroup's `area`, and places in its slots."""
+    return f"""{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}
+const unsigned warp = __shfl_sync(0xffffffffu, threadIdx.x >> 5, 0), group = warp >> 2;
+const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + 1023u) & ~1023u;
+const unsigned ones = weights + {plan.ones}, area = weights + {plan.areas} + group * {plan.area};
+const unsigned first = (warp & 3u) * 16, upper = lane >> 4;  // row of this warp in a tile; half of the warp
+const unsigned own = upper * 64 + first + (lane & 15u), row = first + (lane & 15u);  // this lane's sample
+const unsigned place = row * {ROW} + ((upper ^ (lane & 7u)) << 4);
+auto unit = [&](unsigned slot, int u) {{ return area + slot + own * {ROW} + ((u ^ (lane & 7u)) << 4); }};
+auto matrices = [&](unsigned slot, int m, int b) {{ return area + slot + m * {64 * ROW} + (place ^ (b << 5)); }};
+auto together = [&]() {{ asm volatile("bar.sync %0, {SAMPLES};" :: "r"(group + 1u) : "memory"); }};
+"""
+
+
+def wait(pending: int, *registers: str) -> str:
+    """Until at most so many groups of products are under way; `registers`: arrays that are ready then."""
+    text = f'asm volatile("wgmma.wait_group.sync.aligned {pending};" ::: "memory");\n'
+    for name in registers:
+        text += f'for (int r = 0; r < sizeof({name}) / 4; ++r) asm volatile("" : "+f"(({name})[r]) :: "memory");\n'
+    return text
+
+
+MOST_HELD = 32  # registers of a thread that are read before any is stored
+
+
+def begin(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan) -> str:
+    """`(params, memory)`: stage weights, biases and ones. All threads.
+
+    Weights lie in panels of 64 columns, the rows of a panel swizzled as in slots."""
+    _, words = network_layout(spec, True)
+    text = reads = stores = ""
+    width, held = spec.sizes[1], 0
+    for index, layer in enumerate(plan.layers):
+        layout, pairs = layer.layout, layer.layout.k_pairs(spec.format)
+        units, panel = layout.n_pad // 8 * pairs * 32, round_up(layout.n_pad, 16) * ROW
+        for start in range(0, units, plan.threads):
+            name, inside = f"v_{index}_{start}", f"if (threadIdx.x < {units - start}u) "
+            inside = "" if units - start >= plan.threads else inside
+            source = f"__ldg(reinterpret_cast<const uint4*>(mine + {layout.weights}) + {start} + threadIdx.x)"
+            reads += f"uint4 {name}; {inside}{name} = {source};\n"
+            stores += f"{inside}store({name}, {start} + threadIdx.x, {pairs}, {layer.weights}, {panel});\n"
+            held += 4
+        reads += f"const real bias_{index} = threadIdx.x < {layout.n_pad}u ? {bias_value(spec, layout)} : 0.0f;\n"
+        stores += f"if (threadIdx.x < {width}u) biases[{width * index} + threadIdx.x] = bias_{index};\n"
+        if layout.n_pad % 16:
+            for p in range(-(-layout.k_pad // 64)):
+                place = layer.weights + p * panel + layout.n_pad * ROW
+                stores += f"if (threadIdx.x < 64u) reinterpret_cast<uint4*>(shared + {place})[threadIdx.x] = zero;\n"
+        if held >= MOST_HELD or layer is plan.layers[-1]:
+            text += reads + stores
+            reads, stores, held = "", "", 0
+    one = ", ".join([ones_of(spec)] * 4)
+    return unrolled(f"""{primitives.prelude(spec)}
+const unsigned* const mine = params.packed.data + static_cast<size_t>(params.network) * {words};
+char* const unaligned = reinterpret_cast<char*>(memory.data.ptr);
+char* const shared = unaligned + (-static_cast<unsigned>(__cvta_generic_to_shared(unaligned)) & 1023u);
+real* const biases = reinterpret_cast<real*>(shared + {plan.biases});
+const uint4 zero = make_uint4(0u, 0u, 0u, 0u), one = make_uint4({one});
+auto store = [&](uint4 v, unsigned i, unsigned pairs, unsigned weights, unsigned panel) {{
+    const unsigned words[4] = {{v.x, v.y, v.z, v.w}}, pair = i / 32u % pairs, swizzle = 4u * (pair % 2u) ^ g;
+    char* const row = shared + weights + pair / 2u * panel + (i / 32u / pairs * 8u + g) * {ROW} + 4u * t;
+    for (int part = 0; part < 4; ++part) *reinterpret_cast<unsigned*>(row + ((swizzle ^ part) << 4)) = words[part];
+}};
+const unsigned n = threadIdx.x;
+{text}if (threadIdx.x < 128u) reinterpret_cast<uint4*>(shared + {plan.ones})[threadIdx.x] = one;
+asm volatile("fence.proxy.async.shared::cta;" ::: "memory");
+__syncthreads();
+""")
+
+
+def bias_value(spec: NetworkSpec, layout: LayerLayout) -> str:
+    """Of neuron n, from the packed buffer."""
+    if bias_is_half(spec, True):
+        word = f"mine[{layout.bias} + n / 32u * 16u + n % 8u / 2u * 4u + n / 8u % 4u]"
+        return f"(n % 2u ? half_high({word}) : half_low({word}))"
+    return f"__uint_as_float(mine[{layout.bias} + n / 16u * 16u + n % 8u / 2u * 4u + n / 8u % 2u * 2u + n % 2u])"
+
+
+def forward(spec: NetworkSpec, plan: WarpgroupPlan, halves: bool) -> str:
+    """`(params, memory, x, kept, start) -> z`, the last layer's pre-activations; keeps each layer's input.
+
+    halves: x is float16. kept, start: of networks of 128 neurons, memory and the first sample of a round.
+    """
+    final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
+    inputs = save_inputs(spec, plan, halves)
+    if k_pad < WIDTH:  # the column of ones; beyond 64 columns it lies elsewhere
+        inputs += f"save_unit(unit(0, {k_pad // 8}), {', '.join([ones_of(spec)] * 4)});\n"
+    layers = "".join(activate(spec, plan, index) for index in range(depth))
+    multiply = wgmma("multiply_hidden", spec, WIDTH, "registers", False)
+    multiply += wgmma("multiply_last", spec, final.n_pad, "registers", False)
+    return unrolled(f"""{enter(spec, plan)}{multiply}{read_biases(plan, WIDTH)}{inputs}__syncwarp();
+unsigned a[2][{WIDTH // 16}][4];
+real d[2][{WIDTH // 2}], z[2][{final.n_pad // 2}];
+for (int m = 0; m < 2; ++m) for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, m, b), a[m][b]);
+for (int m = 0; m < 2; ++m) {{ {products(plan, 0)} }}
+{layers}
+for (int m = 0; m < 2; ++m) {{
+if (m == 0) {{ {wait(1, "z[0]")} }} else {{ {wait(0, "z[1]")} }}
+{save_results(plan, "z[m]", "m * 64 + ")}}}
+{read_results(plan)}""")
+
+
+def save_inputs(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan, halves: bool) -> str:
+    """This thread's x, to its row of the first slot."""
+    text = ""
+    for u in range(plan.layers[0].layout.k_pad // 8):
+        words = (input_word(spec.sizes[0], 8 * u + 2 * t, halves and spec.format is FLOAT16) for t in range(4))
+        text += f"save_unit(unit(0, {u}), {', '.join(words)});\n"
+    return text
+
+
+def read_biases(plan: WarpgroupPlan | WidePlan, width: int) -> str:
+    return f"""auto read_biases = [&](int layer, int j) {{ float2 v;  // of neurons 8 j + 2 t and the next
+    asm volatile("ld.shared.v2.f32 {{%0,%1}},[%2];" : "=f"(v.x), "=f"(v.y)
+        : "r"(weights + {plan.biases} + {4 * width} * layer + 32 * j + 8 * t));
+    return v; }};
+"""
+
+
+def save_results(plan: WarpgroupPlan | WidePlan, z: str, tile: str) -> str:
+    """A tile's accumulators `z` of the last layer, and its biases, to the spare slot; `tile` begins its first row."""
+    return f"""for (int j = 0; j < {plan.layers[-1].layout.n_pad // 8}; ++j) {{
+    const float2 bias = read_biases({len(plan.layers) - 1}, j);
+    const unsigned swizzled = area + {plan.spare} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8;
+    for (int h = 0; h < 2; ++h) asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
+        :: "r"(swizzled + ({tile}first + g + 8 * h) * {ROW}), "f"({z}[4 * j + 2 * h] + bias.x),
+           "f"({z}[4 * j + 2 * h + 1] + bias.y) : "memory");
+}}
+"""
+
+
+def read_results(plan: WarpgroupPlan | WidePlan) -> str:
+    """`return` those of this thread's sample."""
+    n_out = plan.layers[-1].layout.n
+    text = f"__syncwarp();\nwp::vec_t<{n_out}, real> result;\n"
+    for n in range(0, n_out, 4):
+        text += f"{{ unsigned v[4]; load_unit(unit({plan.spare}, {n // 4}), v);\n"
+        text += "".join(f"result.c[{i}] = __uint_as_float(v[{i % 4}]);\n" for i in range(n, min(n + 4, n_out))) + "}\n"
+    return text + "__syncwarp();\nreturn result;\n"
+
+
+def input_word(n_in: int, k: int, halves: bool) -> str:
+    """Elements k and k + 1 of x, as one register."""
+    if halves:
+        low, high = (f"static_cast<unsigned>(x.c[{i}].u)" if i < n_in else "0u" for i in (k, k + 1))
+        return f"{low} | {high} << 16"
+    low, high = (f"static_cast<real>(x.c[{i}])" if i < n_in else "0.0f" for i in (k, k + 1))
+    return f"pack({low}, {high})"
+
+
+def products(plan: WarpgroupPlan, index: int) -> str:
+    """Layer `index` of tile m, under way as a group."""
+    layer = plan.layers[index]
+    multiply = "multiply_last(z[m]" if layer.last else "multiply_hidden(d[m]"
+    return f"""begin_products();
+for (int b = 0; b < {layer.layout.k_pad // 16}; ++b)
+    {multiply}, a[m][b], tile(weights + {layer.weights} + 32 * b, 0u), b);
+commit();
+"""
+
+
+def activate(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
+    """Results of layer `index` become the input of the next, whose products begin."""
+    values = "d[m][4 * j + 2 * h] + biases[j].x", "d[m][4 * j + 2 * h + 1] + biases[j].y"
+    if spec.activation is relu:
+        word = "pack_relu({}, {})"
+    else:
+        word = "pack({}, {})" if spec.activation is linear else "pack(hidden({}), hidden({}))"
+    return f"""{{ float2 biases[{WIDTH // 8}];
+for (int j = 0; j < {WIDTH // 8}; ++j) biases[j] = read_biases({index}, j);
+for (int m = 0; m < 2; ++m) {{
+{wait(1, "d[m]")}
+for (int j = 0; j < {WIDTH // 8}; ++j) for (int h = 0; h < 2; ++h) a[m][j / 2][j % 2 * 2 + h] = {word.format(*values)};
+{products(plan, index + 1)}
+for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({(index + 1) * SLOT}, m, b), a[m][b]);
+}} }}
+"""

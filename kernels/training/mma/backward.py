@@ -1,0 +1,151 @@
+"""CUDA text of a fused training step's backward pass: gradients to the layers' inputs and to their weights.
+
+Names as in `kernels.training.mma.forward`. Layer by layer from the last: `dz`, the gradient to its pre-activations,
+lies in the areas of all warps; each warp multiplies its own by the weights for the layer before, and everyone's
+by the layer's inputs for its own tasks of the weights' gradient (see `plan`), which it keeps in registers.
+"""
+
+from collections.abc import Callable
+
+from warp_neural.kernels.coopvec.cuda.fragments import unrolled
+from warp_neural.kernels.nn.activations import linear, relu
+from warp_neural.kernels.nn.spec import C_TYPES, NetworkSpec
+from warp_neural.kernels.training.mma.forward import LIFTED, enter
+from warp_neural.kernels.training.mma.schedule import Plan
+
+
+def start(spec: NetworkSpec, plan: Plan) -> str:
+    """The last layer's dz of each thread's own sample to the area."""
+    final, n_out = plan.layers[-1], spec.sizes[-1]
+    text = ""
+    for u in range(2 * final.n_blocks):
+        pairs = [(8 * u + 2 * t, 8 * u + 2 * t + 1) for t in range(4)]
+        values = [[f"dy.c[{n}] * d_last(z.c[{n}])" if n < n_out else "0.0f" for n in pair] for pair in pairs]
+        words = ", ".join(f"pack({low}, {high})" for low, high in values)
+        text += f"save_unit(own_unit(area + {4 * final.dz}, {final.n_blocks}, {u}), {words});\n"
+    return text
+
+
+def upper_layers(spec: NetworkSpec, plan: Plan) -> str:
+    """`(memory, sums, z, dy) -> sums`: all layers but the first; dy is of the activated results. All threads."""
+    layers = "".join(backward_layer(spec, plan, index, True) for index in reversed(range(1, len(plan.layers))))
+    return unrolled(f"{enter(spec, plan)}auto sum = sums;\n{start(spec, plan)}{layers}return sum;\n")
+
+
+def first_layer(spec: NetworkSpec, plan: Plan, input_gradient: bool) -> str:
+    """`(memory, sums) -> sums`: the first layer; `input_gradient` leaves dx in the area. All threads."""
+    layer = backward_layer(spec, plan, 0, input_gradient)
+    return unrolled(f"{enter(spec, plan)}auto sum = sums;\n{layer}{plan.barrier}\nreturn sum;\n")
+
+
+def backward_layer(spec: NetworkSpec, plan: Plan, index: int, go_on: bool) -> str:
+    """Layer `index`, whose dz, of the whole block, lies in the areas after the barrier."""
+    text = input_products(spec, plan, index) if go_on else ""
+    return f"{plan.barrier}\n{{\n{text}{weight_products(spec, plan, index)}}}\n"
+
+
+def input_products(spec: NetworkSpec, plan: Plan, index: int) -> str:
+    """dh = dz W, times the slope of the layer before: that layer's dz, saved."""
+    layer = plan.layers[index]
+    pairs, tiles, blocks = layer.layout.k_pairs(spec.format), layer.layout.n_pad // 8, layer.k_blocks
+    target = 4 * (plan.layers[index - 1].dz if index else plan.dx)
+    word = "pack(dh[m][2 * b + r / 2][r % 2 * 2], dh[m][2 * b + r / 2][r % 2 * 2 + 1])"
+    if index == 0 or spec.activation is linear:
+        word, kept = f"previous[r] = {word};", ""
+    else:
+        kept = f"unsigned kept[4]; load(area + {4 * layer.h} + (m * {blocks} + 2 * p + b) * 512, kept);"
+        if spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
+            word = f"{word} & spread_signs(kept[r] + 0x7fff7fffu)"
+        else:
+            low, high = (
+                f"dh[m][2 * b + r / 2][r % 2 * 2 + {e}] * d_hidden({side}(kept[r]))"
+                for e, side in enumerate(("low", "high"))
+            )
+            word = f"pack({low}, {high})"
+        word = f"previous[r] = {word};"
+    second = f"2 * nb + 1 < {tiles}"
+    return f"""unsigned dz[2][{layer.n_blocks}][4];
+for (int m = 0; m < 2; ++m) for (int b = 0; b < {layer.n_blocks}; ++b)
+    load(area + {4 * layer.dz} + (m * {layer.n_blocks} + b) * 512, dz[m][b]);
+for (int p = 0; p < {pairs}; ++p) {{
+real dh[2][4][4];
+for (int m = 0; m < 2; ++m) for (int j = 0; j < 4; ++j) for (int r = 0; r < 4; ++r) dh[m][j][r] = 0.0f;
+for (int nb = 0; nb < {layer.n_blocks}; ++nb) {{
+    unsigned w0[4], w1[4] = {{0u, 0u, 0u, 0u}};
+    load_transposed(weights + {4 * layer.weights} + (2 * nb * {pairs} + p) * 512, w0);
+    if ({second}) load_transposed(weights + {4 * layer.weights} + ((2 * nb + 1) * {pairs} + p) * 512, w1);
+    for (int j = 0; j < 4; ++j) if (2 * p + j / 2 < {blocks})
+    for (int m = 0; m < 2; ++m) multiply_add(dh[m][j], dh[m][j], dz[m][nb], w0[j], w1[j]);
+}}
+for (int m = 0; m < 2; ++m) for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}) {{
+    unsigned previous[4];
+    {kept}
+    for (int r = 0; r < 4; ++r) {{ {word} }}
+    save(area + {target} + (m * {blocks} + 2 * p + b) * 512, previous);
+}}
+}}
+"""
+
+
+def weight_products(spec: NetworkSpec, plan: Plan, index: int) -> str:
+    """Add this warp's units of dZ^T H over its part of the block's samples to `sum`, loading one step ahead.
+
+    Warps of different columns start at different samples, so that each adds the biases of another share of them.
+    """
+    layer = plan.layers[index]
+    rows, columns, groups = layer.rows, layer.columns, layer.column_groups
+    samples = plan.warps // layer.parts
+    shared_bias = samples % groups == 0
+    restore = ""
+    if index > 0 and spec.activation not in LIFTED:
+        restore = (
+            "for (int r = 0; r < 4; ++r) h[now][c][r] = pack(hidden(low(h[now][c][r])), hidden(high(h[now][c][r])));"
+        )
+    one = f"g == {index % 8}" if shared_bias else f"g == {index % 8} && turn == 0"
+    return f"""{"" if layer.tasks * layer.parts == plan.warps else f"if (warp < {layer.tasks * layer.parts}u)"} {{
+const unsigned task = warp % {layer.tasks}u, part = warp / {layer.tasks}u, turn = task % {groups}u;
+const unsigned one = {one} ? ones : 0u;  // the biases of layer l meet in column l % 8 of one product
+const unsigned dz = areas + {4 * layer.dz} + task / {groups}u * {rows * 512} - lane * 16 + turned;
+const unsigned from = areas + {4 * layer.h} + turn * {columns * 512};
+unsigned d[2][{rows}][4], h[2][{columns}][4];
+auto fetch = [&](int i, unsigned (&d)[{rows}][4], unsigned (&h)[{columns}][4]) {{
+    const unsigned s = (part * {samples} + (i / 2 + turn) % {samples}) * {4 * plan.area}, m = i % 2;
+    for (int row = 0; row < {rows}; ++row) load_transposed(dz + s + (m * {layer.n_blocks} + row) * 512, d[row]);
+    for (int c = 0; c < {columns}; ++c) load_transposed(from + s + (m * {layer.k_blocks} + c) * 512, h[c]);
+}};
+fetch(0, d[0], h[0]);
+for (int i = 0; i < {2 * samples}; ++i) {{
+    const int now = i % 2;
+    if (i + 1 < {2 * samples}) fetch(i + 1, d[1 - now], h[1 - now]);
+    for (int c = 0; c < {columns}; ++c) {{
+        {restore}
+        for (int row = 0; row < {rows}; ++row) for (int side = 0; side < 2; ++side) {{
+            const int unit = (row * {columns} + c) * 2 + side;
+            real (&dw)[4] = *reinterpret_cast<real (*)[4]>(sum.c + {layer.sums} + unit * 4);
+            multiply_add(dw, dw, d[now][row], h[now][c][2 * side], h[now][c][2 * side + 1]);
+        }}
+    }}
+    if ({f"i / 2 % {groups} == 0" if shared_bias else "true"}) for (int row = 0; row < {rows}; ++row) {{
+        real (&db)[4] = *reinterpret_cast<real (*)[4]>(sum.c + {plan.bias_sums(index)} + row * 4);
+        multiply_add(db, db, d[now][row], one, one);
+    }}
+}} }}
+"""
+
+
+def input_gradient(spec: NetworkSpec, plan: Plan, dtype: type) -> str:
+    """`(memory) -> dx`, a vector of `dtype`, of this thread's sample, as `first_layer` left it."""
+    blocks = plan.layers[0].k_blocks
+    take = take_dx(spec.sizes[0], dtype, lambda u: f"own_unit(area + {4 * plan.dx}, {blocks}, {u})")
+    return unrolled(f"{enter(spec, plan)}{take}return dx;\n")
+
+
+def take_dx(n_in: int, dtype: type, address: Callable[[int], str]) -> str:
+    """`dx`, from 16-byte units of 8 elements each at `address(unit)`."""
+    text = f"wp::vec_t<{n_in}, {C_TYPES[dtype]}> dx;\n"
+    for u in range(-(-n_in // 8)):
+        text += f"{{ unsigned v[4]; load_unit({address(u)}, v);\n"
+        for k in range(8 * u, min(8 * u + 8, n_in)):
+            text += f"dx.c[{k}] = {C_TYPES[dtype]}({('low', 'high')[k % 2]}(v[{k % 8 // 2}]));\n"
+        text += "}\n"
+    return text

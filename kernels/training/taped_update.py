@@ -1,0 +1,120 @@
+"""The optimizer kernel for gradients in one array: of every parameter, or of those that the fused one leaves."""
+
+from functools import cache
+
+import warp as wp
+from warp_neural.kernels.nn.encodings.base import UNROLL
+from warp_neural.kernels.training.progress import Progress
+from warp_neural.kernels.training.update import Update, advance, rates_of
+
+GROUP = 4  # parameters that move through memory together, in 16 bytes
+
+# loops of a known length, or the group would lie in memory
+READ = f"""wp::vec_t<{GROUP}, wp::float32> group;
+const wp::float32* const from = values.data + i;
+#if defined(__CUDA_ARCH__)
+if (i + {GROUP} <= values.shape[0]) {{
+    const float4 q = *reinterpret_cast<const float4*>(from);
+    group.c[0] = q.x; group.c[1] = q.y; group.c[2] = q.z; group.c[3] = q.w;
+    return group;
+}}
+#endif{UNROLL}
+for (int c = 0; c < {GROUP}; ++c) if (i + c < values.shape[0]) group.c[c] = from[c];
+return group;
+"""
+
+WRITE = f"""wp::float32* const to = values.data + i;
+#if defined(__CUDA_ARCH__)
+if (i + {GROUP} <= values.shape[0]) {{
+    *reinterpret_cast<float4*>(to) = make_float4(group.c[0], group.c[1], group.c[2], group.c[3]);
+    return;
+}}
+#endif{UNROLL}
+for (int c = 0; c < {GROUP}; ++c) if (i + c < values.shape[0]) to[c] = group.c[c];
+"""
+
+
+SKIP = f"""#if !defined(__CUDA_ARCH__)
+for (; i >= passed && i + {GROUP} <= values.shape[0]; i += step) {{
+    const wp::uint32* const bits = reinterpret_cast<const wp::uint32*>(values.data + i);
+    if (((bits[0] | bits[1] | bits[2] | bits[3]) & 0x7fffffffu) != 0u) break;
+}}
+#endif
+return i;
+"""
+
+
+@wp.func_native(SKIP)
+def skip_zeros(values: wp.array[float], i: int, step: int, passed: int) -> int:
+    """On the CPU, the first of the groups i, i + step, ... that lies before `passed`, is not zero or lies at the end.
+
+    On CUDA i itself: the threads of a warp stay side by side.
+    """
+    ...
+
+
+@wp.func_native(READ)
+def read_group(values: wp.array[float], i: int) -> wp.vec4:
+    """`values[i : i + 4]`, zeros after the last; i is a multiple of 4."""
+    ...
+
+
+@wp.func_native(WRITE)
+def write_group(values: wp.array[float], i: int, group: wp.vec4): ...
+
+
+@cache
+def make_update_kernel(update: wp.Function) -> wp.Kernel:
+    """From parameter `first`, a multiple of 4, on: gradients lie in `gradient`, which is cleared. dim threads.
+
+    sparse: the first parameter that rests, and so do its moments, if its gradient is exactly 0 (see `Encoding.sparse`),
+    a multiple of 4 or the end. last: of the step.
+    """
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def update_kernel(
+        progress: Progress,
+        options: Update,
+        first: int,
+        sparse: int,
+        last: bool,
+        threads: int,
+        gradient: wp.array[float],
+        master: wp.array[float],
+    ):
+        thread = wp.tid()
+        averages = options.average.shape[0] > 0
+        step = wp.static(GROUP) * threads
+        passed = wp.where(averages, master.shape[0], sparse)
+        i = skip_zeros(gradient, first + wp.static(GROUP) * thread, step, passed)
+        g = read_group(gradient, i)
+        rates = rates_of(progress, options)
+        while i < master.shape[0]:
+            reached = not (g == wp.vec4())
+            moves = reached or i < sparse
+            if not rates.skip and (moves or averages):
+                values = read_group(master, i)
+                if moves:
+                    m = read_group(options.first, i)
+                    v = read_group(options.second, i)
+                    for c in range(wp.static(GROUP)):
+                        if i < sparse or g[c] != 0.0:
+                            state = wp.vec3(values[c], m[c], v[c])
+                            state = update(g[c] * rates.mean, state, rates.rate, rates.corrections, options.settings)
+                            values[c] = state[0]
+                            m[c] = state[1]
+                            v[c] = state[2]
+                    write_group(master, i, values)
+                    write_group(options.second, i, v)
+                    write_group(options.first, i, m)  # the same array as `second` for `sgd`
+                if averages:
+                    past = read_group(options.average, i)
+                    write_group(options.average, i, rates.decay * past + (1.0 - rates.decay) * values)
+            if reached:
+                write_group(gradient, i, wp.vec4())
+            i = skip_zeros(gradient, i + step, step, passed)
+            g = read_group(gradient, i)
+        if last and thread == 0:
+            advance(progress, options.dynamic)
+
+    return update_kernel

@@ -1,0 +1,1 @@
+"""Images on disk from and to arrays; densities from images."""

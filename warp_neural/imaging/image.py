@@ -1,0 +1,212 @@
+"""Images on disk from and to linear float32 arrays `[height, width, channels]`."""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from warp_neural.errors import InputError
+from warp_neural.imaging.exr import MAX_PIXELS, load_exr, save_exr
+from warp_neural.imaging.exr_mips import load_exr_mips, save_exr_mips
+from warp_neural.imaging.radiance import decode_hdr, encode_hdr
+from warp_neural.imaging.raster import decode_pillow, decode_tiff, encode_jpeg, encode_png, encode_tiff
+from warp_neural.io.files import atomic_path
+
+__all__ = [
+    "linear_to_srgb",
+    "load_exr",
+    "load_exr_mips",
+    "load_image",
+    "save_exr",
+    "save_exr_mips",
+    "save_image",
+    "srgb_to_linear",
+    "suffixes",
+]
+
+ColorSpace = Literal["srgb", "linear"]
+
+_SUFFIXES = {
+    ".png": "PNG",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+    ".hdr": "Radiance HDR",
+    ".exr": "EXR",
+}
+_MAGIC = {
+    b"\x89PNG\r\n\x1a\n": "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"II+\0": "TIFF",
+    b"MM\0+": "TIFF",
+    b"#?R": "Radiance HDR",
+    b"\x76\x2f\x31\x01": "EXR",
+}
+_BITS = {"PNG": (8, 16), "JPEG": (8,), "TIFF": (8, 16, 32), "Radiance HDR": (8,), "EXR": (32, 16)}
+"""Bits a channel; the first is the default."""
+
+
+def load_image(path: Path | str, *, color_space: ColorSpace | None = None) -> np.ndarray:
+    """PNG, JPEG, TIFF, Radiance HDR or EXR as linear float32 `[height, width, channels]`.
+
+    Channels: 1 (grey), 3 (RGB) or 4 (RGBA; alpha is never decoded from sRGB). Integer files give values in [0, 1],
+    float files theirs, which may be negative or above 1 but always finite. `color_space` says how the FILE is encoded;
+    None means srgb for integer files and linear for float ones. Pass "linear" for data such as roughness or normals.
+    Of an EXR, R G B (A) or the only channel is taken; of a TIFF the first picture.
+
+    Raises `InputError` for a file that is missing, damaged, too large, of another format than its suffix says, or holds
+    NaN or infinite values.
+    """
+    path = Path(path)
+    _check_color_space(path, color_space)
+    pixels = _decode(path, _format_of(path))
+    if pixels.dtype not in (np.uint8, np.uint16) and pixels.dtype.kind != "f":
+        raise InputError(f"{path}: values of type {pixels.dtype}; save it with 8 or 16 bits or as float32")
+    if pixels.ndim != 3 or pixels.shape[-1] not in (1, 3, 4):
+        raise InputError(f"{path}: an array of shape {pixels.shape}; save it as grey, RGB or RGBA")
+    return _to_linear(path, pixels, color_space)
+
+
+def displayed_psnr(truth: np.ndarray, picture: np.ndarray) -> float:
+    """Peak signal-to-noise ratio in dB of displayed values in [0, 1], of any shape; 120 at most."""
+    return float(-10 * np.log10(max(np.square(truth - picture, dtype=np.float64).mean(), 1e-12)))
+
+
+def save_image(
+    path: Path | str, image: np.ndarray, *, color_space: ColorSpace | None = None, bits: int | None = None
+) -> None:
+    """Write a linear float image `[height, width]` or `[height, width, 1 | 3 | 4]`, whole or not at all.
+
+    The suffix chooses the format: PNG (8 or 16 `bits` a channel, 8 the default), JPEG (8), TIFF (8, 16, or 32: float),
+    Radiance HDR (its own 8 with a shared exponent; grey becomes RGB) or EXR (32, the default, or 16: half).
+    `color_space` is the encoding of the FILE: None means srgb for integer formats and linear for float ones. Integer
+    formats clip to [0, 1]; alpha is never encoded to sRGB.
+
+    Raises `InputError` for NaN or infinite values, other shapes and dtypes, and what the format cannot hold.
+    """
+    path = Path(path)
+    _check_color_space(path, color_space)
+    file_format = _format_of(path)
+    bits = _BITS[file_format][0] if bits is None else bits
+    if bits not in _BITS[file_format]:
+        raise InputError(f"{path}: {file_format} with bits={bits}; choose from {sorted(_BITS[file_format])}")
+    image = _checked(path, image, file_format)
+    is_float = file_format in ("EXR", "Radiance HDR") or bits == 32
+    if (color_space or ("linear" if is_float else "srgb")) == "srgb":
+        image = np.concatenate([linear_to_srgb(image[..., :3]), image[..., 3:]], axis=-1)
+    if file_format == "EXR":
+        return _save_exr_image(path, image, bits)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(_encode(path, image, file_format, bits))
+
+
+def suffixes() -> tuple[str, ...]:
+    """The file suffixes that can be read and written, lower case with the dot."""
+    return tuple(_SUFFIXES)
+
+
+def srgb_to_linear(x: np.ndarray) -> np.ndarray:
+    """sRGB-encoded values to linear ones (IEC 61966-2-1), float in and out, [0, 1] to [0, 1].
+
+    Below 0 the straight piece goes on, above 1 the power.
+    """
+    return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
+
+
+def linear_to_srgb(x: np.ndarray) -> np.ndarray:
+    """Linear values to sRGB-encoded ones (IEC 61966-2-1), float in and out: the inverse of `srgb_to_linear`."""
+    return np.where(x <= 0.0031308, x * 12.92, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def _check_color_space(path: Path, color_space: str | None) -> None:
+    if color_space not in (None, "srgb", "linear"):
+        raise InputError(f"{path}: color_space={color_space!r}; choose 'srgb', 'linear' or None")
+
+
+def _format_of(path: Path) -> str:
+    try:
+        return _SUFFIXES[path.suffix.lower()]
+    except KeyError:
+        raise InputError(f"{path}: unknown suffix {path.suffix!r}; use one of {', '.join(_SUFFIXES)}") from None
+
+
+def _decode(path: Path, file_format: str) -> np.ndarray:
+    """The file's stored values, `[height, width, channels]`, after a look at what the content says it is."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the name and its permissions") from error
+    content = next((name for magic, name in _MAGIC.items() if data.startswith(magic)), None)
+    if content != file_format:
+        remedy = "rename it" if content else "export or copy it again"
+        raise InputError(f"{path}: its content is {content or 'no known image'}, not {file_format}; {remedy}")
+    if file_format == "EXR":
+        return _load_exr_image(path)
+    decode = {"TIFF": decode_tiff, "Radiance HDR": decode_hdr}.get(file_format, decode_pillow)
+    return decode(data, path, MAX_PIXELS)
+
+
+def _to_linear(path: Path, pixels: np.ndarray, color_space: ColorSpace | None) -> np.ndarray:
+    if pixels.dtype.kind == "f":
+        pixels = pixels.astype(np.float32)
+        if not np.isfinite(pixels).all():
+            raise InputError(f"{path}: holds NaN or infinite values; repair them before use")
+        if color_space == "srgb":
+            pixels[..., :3] = srgb_to_linear(pixels[..., :3])
+        return pixels
+    codes = np.arange(2 ** (8 * pixels.itemsize)) / (2.0 ** (8 * pixels.itemsize) - 1)  # float64, one of each value
+    linear = codes.astype(np.float32)[pixels]
+    if color_space != "linear":
+        linear[..., :3] = srgb_to_linear(codes).astype(np.float32)[pixels[..., :3]]
+    return linear
+
+
+def _checked(path: Path, image: np.ndarray, file_format: str) -> np.ndarray:
+    """`image` as float32 `[height, width, channels]`, or an `InputError` that says why it cannot be saved so."""
+    image = np.asarray(image)
+    if image.dtype.kind != "f":
+        raise InputError(f"{path}: values of type {image.dtype}; give linear floats")
+    allowed = (1, 3) if file_format in ("JPEG", "Radiance HDR") else (1, 3, 4)
+    shaped = image[..., None] if image.ndim == 2 else image
+    if shaped.ndim != 3 or shaped.shape[-1] not in allowed or 0 in shaped.shape:
+        raise InputError(f"{path}: an image of shape {image.shape}; {file_format} takes {allowed} channels")
+    with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite and is refused here
+        shaped = shaped.astype(np.float32)
+    if not np.isfinite(shaped).all():
+        raise InputError(f"{path}: NaN or infinite values are not saved; repair the image first")
+    return shaped
+
+
+def _encode(path: Path, image: np.ndarray, file_format: str, bits: int) -> bytes:
+    if file_format == "Radiance HDR":
+        try:
+            return encode_hdr(np.broadcast_to(image, (*image.shape[:2], 3)))
+        except ValueError as error:
+            raise InputError(f"{path}: {error}; clip the image or save it as EXR") from error
+    if bits < 32:
+        top = 2**bits - 1
+        image = np.rint(np.clip(image, 0, 1) * np.float32(top)).astype(np.uint8 if bits == 8 else np.uint16)
+    return {"PNG": encode_png, "JPEG": encode_jpeg, "TIFF": encode_tiff}[file_format](image)
+
+
+def _load_exr_image(path: Path) -> np.ndarray:
+    channels = load_exr(path)
+    names = [name for name in "RGBA" if name in channels]
+    if len(channels) == 1:
+        names = list(channels)
+    elif "".join(names) not in ("RGB", "RGBA"):
+        raise InputError(f"{path}: channels {', '.join(channels)}, not R, G, B; read them with load_exr")
+    if len({channels[name].shape for name in names}) > 1:
+        raise InputError(f"{path}: subsampled channels; save it without subsampling")
+    return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
+
+
+def _save_exr_image(path: Path, image: np.ndarray, bits: int) -> None:
+    dtype = np.float16 if bits == 16 else np.float32
+    if bits == 16 and np.abs(image).max() >= 65520:  # rounds to infinity
+        raise InputError(f"{path}: values beyond 65504, the largest half; save with bits=32")
+    names = "RGBA" if image.shape[-1] > 1 else "Y"
+    save_exr(path, {name: image[..., k].astype(dtype) for k, name in enumerate(names[: image.shape[-1]])})

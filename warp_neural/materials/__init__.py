@@ -1,0 +1,1 @@
+"""Materials as sets of maps, and the shader that they are for."""

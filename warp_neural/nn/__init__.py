@@ -1,0 +1,1 @@
+"""`MLP`, its state, initialization, files; threads sorted by network."""

@@ -1,0 +1,153 @@
+"""Optimizers and learning-rate schedules for float32 parameters on one device.
+
+`warp.optim.Adam` and `SGD` serve plain scripts. They are not used here because they launch once per array, keep the
+step count and rate on the host (a replayed CUDA graph would not advance), and know neither vec2, vec4 nor matrices.
+"""
+
+import numpy as np
+import warp as wp
+
+from warp_neural.kernels.nn.optimizers import adam, make_update_kernel, sgd, tick_kernel
+
+__all__ = ["SGD", "Adam", "Parameters", "cosine", "exponential", "linear"]
+
+
+class Parameters:
+    """Named arrays of any float32 dtype laid out in one flat buffer, `flat`; gradients likewise in `flat.grad`.
+
+    `Parameters(albedo=wp.array(..., dtype=wp.vec3), roughness=...)` copies the arrays. `parameters["albedo"]` is a
+    view with the same dtype and shape, its `.grad` a view of the gradients: write to either, launch with either.
+    """
+
+    def __init__(self, **arrays: wp.array) -> None:
+        device = next(iter(arrays.values())).device
+        if any(array.device != device for array in arrays.values()):
+            raise ValueError("the parameters lie on several devices; put them on one")
+        scalars = {name: _scalars(array) for name, array in arrays.items()}
+        total = sum(array.size for array in scalars.values())
+        self.flat = wp.zeros(total, dtype=wp.float32, device=device, requires_grad=True)
+        self._views: dict[str, wp.array] = {}
+        start = 0
+        for name, array in arrays.items():
+            end = start + scalars[name].size
+            view = _view(self.flat, start, end, array)
+            view.grad = _view(self.flat.grad, start, end, array)
+            wp.copy(view, array)
+            self._views[name] = view
+            start = end
+
+    def __getitem__(self, name: str) -> wp.array:
+        return self._views[name]
+
+    def numpy(self) -> dict[str, np.ndarray]:
+        """A copy of every array on the host."""
+        return {name: view.numpy().copy() for name, view in self._views.items()}
+
+
+def linear(start: float, end: float, steps: int) -> np.ndarray:
+    """Rates for `steps` steps on a line from `start` towards `end`, then `end`. (Constant: pass the number itself.)"""
+    return _rates(start + (end - start) * np.arange(steps + 1) / steps)
+
+
+def cosine(start: float, end: float, steps: int) -> np.ndarray:
+    """Half a cosine from `start` down to `end` over `steps` steps, then `end` (Loshchilov and Hutter 2017, eq. 5)."""
+    return _rates(end + (start - end) * 0.5 * (1 + np.cos(np.pi * np.arange(steps + 1) / steps)))
+
+
+def exponential(start: float, end: float, steps: int) -> np.ndarray:
+    """A constant factor a step from `start` to `end` (both positive) over `steps` steps, then `end`."""
+    return _rates(start * (end / start) ** (np.arange(steps + 1) / steps))
+
+
+class _Optimizer:
+    """What SGD and Adam share: the flat view of the parameters, the rates and the step counter on the device."""
+
+    update: wp.Function
+    moments: int
+
+    def __init__(self, parameters: wp.array | Parameters | None, lr, settings: tuple[float, ...], clear: bool) -> None:
+        self.lr, self.settings, self.clear = _rates(lr), wp.vec4(*settings), clear
+        if parameters is not None:
+            self.bind(parameters)
+
+    def bind(self, parameters: wp.array | Parameters) -> None:
+        """Start on these parameters; a `Trainer` does this itself."""
+        array = parameters.flat if isinstance(parameters, Parameters) else parameters
+        if array.grad is None:
+            raise ValueError("the parameters have no gradient; make them with requires_grad=True")
+        self.values, self.gradient = _scalars(array), _scalars(array.grad)
+        self.device = array.device
+        self.rates = wp.array(np.atleast_1d(self.lr), dtype=wp.float32, device=self.device)
+        self.steps = wp.zeros(1, dtype=wp.int32, device=self.device)
+        """[1], the steps taken so far; kernels may read it, e.g. as part of a seed"""
+        self.first = wp.zeros_like(self.gradient)
+        self.second = wp.zeros_like(self.gradient) if self.moments == 2 else self.first
+        self._scalars = wp.zeros(3, dtype=wp.float32, device=self.device)
+
+    def step(self) -> None:
+        """Update the parameters from their gradients."""
+        tick = [self.rates, self.settings[0], self.settings[1], self.steps, self._scalars]
+        wp.launch(tick_kernel, dim=1, inputs=tick, device=self.device)
+        inputs = [self._scalars, self.settings, self.clear, self.gradient, self.first, self.second, self.values]
+        wp.launch(make_update_kernel(self.update), dim=self.values.size, inputs=inputs, device=self.device)
+
+
+class Adam(_Optimizer):
+    """Adam; with `weight_decay` AdamW. `step()` is two launches for all parameters and may be captured in a graph.
+
+    Parameters: one contiguous array of any float32 dtype with a gradient, e.g. a network's, or `Parameters`; none for
+    a `Trainer`, which binds its own. `lr` is a number or the rates of the steps to come, the last one staying. `clear`
+    zeroes the gradients after use, for kernels that add to them.
+    """
+
+    update, moments = adam, 2
+
+    def __init__(
+        self,
+        parameters: wp.array | Parameters | None = None,
+        *,
+        lr: float | np.ndarray = 1e-3,
+        beta1: float = 0.9,
+        beta2: float = 0.999,
+        eps: float = 1e-8,
+        weight_decay: float = 0.0,
+        clear: bool = False,
+    ) -> None:
+        super().__init__(parameters, lr, (beta1, beta2, eps, weight_decay), clear)
+
+
+class SGD(_Optimizer):
+    """Gradient descent, with heavy-ball `momentum` if not 0. Parameters, `lr` and `clear` as for `Adam`."""
+
+    update, moments = sgd, 1
+
+    def __init__(
+        self,
+        parameters: wp.array | Parameters | None = None,
+        *,
+        lr: float | np.ndarray = 1e-3,
+        momentum: float = 0.0,
+        weight_decay: float = 0.0,
+        clear: bool = False,
+    ) -> None:
+        super().__init__(parameters, lr, (momentum, 0.0, 0.0, weight_decay), clear)
+
+
+def _rates(values: float | np.ndarray) -> np.ndarray:
+    rates = np.asarray(values, dtype=np.float32)
+    if rates.ndim > 1 or rates.size == 0 or not np.isfinite(rates).all() or (rates < 0).any():
+        raise ValueError(f"learning rates must be finite and not negative, got {values}")
+    return rates
+
+
+def _scalars(array: wp.array) -> wp.array:
+    """The same memory as a flat float32 array."""
+    if getattr(array.dtype, "_wp_scalar_type_", array.dtype) is not wp.float32 or not array.is_contiguous:
+        raise ValueError(f"parameters must be contiguous float32 arrays, got {array.dtype} {array.shape}")
+    return (array if array.dtype is wp.float32 else array.view(wp.float32)).flatten()
+
+
+def _view(flat: wp.array, start: int, end: int, like: wp.array) -> wp.array:
+    """`flat[start:end]` with the dtype and shape of `like`, sharing memory."""
+    part = flat[start:end].reshape((*like.shape, *like.dtype._shape_) if hasattr(like.dtype, "_shape_") else like.shape)
+    return part if like.dtype is wp.float32 else part.view(like.dtype)

@@ -1,0 +1,237 @@
+"""`Trainer`: samples, forward, loss, gradients and optimizer of a network, on the device alone."""
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+from tqdm import tqdm
+
+from warp_neural.errors import InputError
+from warp_neural.kernels.nn.losses import Loss, l2
+from warp_neural.kernels.nn.spec import INT8
+from warp_neural.kernels.training.progress import Progress
+from warp_neural.kernels.training.update import Update
+from warp_neural.nn.mlp import MLP
+from warp_neural.train.checkpoint import load_checkpoint, save_checkpoint
+from warp_neural.train.cpu_steps import FusedCpu
+from warp_neural.train.optim import SGD, Adam
+from warp_neural.train.steps import FusedCuda, General, plan_of
+
+HISTORY = 1 << 14  # steps whose loss is kept on the device
+SAVE_SECONDS = 30  # between checkpoints
+CHECK = 32  # steps between looks at the loss; as many are one launch of a CUDA graph
+
+
+def fused_steps(net: MLP) -> type[FusedCuda | FusedCpu] | None:
+    """What takes a step of `net` in one kernel, if anything does."""
+    if net.implementation != "cooperative":
+        return None
+    if net.device.is_cuda:
+        return FusedCuda if plan_of(net) else None
+    return None if net.spec.format is INT8 else FusedCpu
+
+
+class Trainer:
+    """Trains `net` on samples that `sample` makes, without the host: see `run`.
+
+    sample: a `@wp.func` `(index: int, random: wp.uint32, data: D) -> (x: net.vec_in, target: vec of n_out float)`, or
+    one without the last argument; it draws random numbers from `random` with `wp.randf`. `data` is what it reads: an
+    array, or a struct of arrays. loss: see `wn.losses`; its mean over the batch counts.
+    batch: samples of a step, one number, or those of the steps to come, the last one staying, for a batch that grows.
+    batches: how many batches' gradients are added up for one step. average: the decay, such as 0.99, of an exponential
+    moving average of the parameters, in `averaged`. loss_scale: what gradients are multiplied by to fit float16; by
+    default 128 to begin with, halved after a step whose gradient is not finite, which is skipped.
+
+    Parameters of an encoding that is `sparse`, a hash grid, rest in steps that do not reach them; averages go on.
+
+    One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
+    of up to 64 neurons (fewer where blocks have little shared memory), on the CPU of all but int8. On Hopper so are
+    networks of one to three layers of 128, which from two on take another kernel and up to 768 bytes of memory a
+    sample. Other networks train through the adjoint of the loss. Two runs with the same seed end alike bit for bit on
+    one device, except, on CUDA, those that add to memory atomically: networks that are not `fused`, and encodings with
+    parameters.
+    """
+
+    def __init__(
+        self,
+        net: MLP,
+        *,
+        sample: wp.Function,
+        data: Any = 0,
+        loss: Loss = l2,
+        optimizer: Adam | SGD | None = None,
+        batch: int | Sequence[int] = 1 << 16,
+        batches: int = 1,
+        average: float | None = None,
+        loss_scale: float | None = None,
+        fused: bool | None = None,
+        seed: int = 0,
+    ):
+        sizes = np.atleast_1d(np.asarray(batch))
+        if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.integer) or sizes.min() < 1:
+            raise InputError(f"batch={batch}: a batch has at least one sample")
+        if batches < 1:
+            raise InputError(f"batches={batches}: a step needs at least one")
+        if average is not None and not 0 <= average < 1:
+            raise InputError(f"average={average}: the decay of an average lies in [0, 1)")
+        if net.count > 1:
+            raise InputError(f"a network with count={net.count}: a Trainer trains one")
+        in_one = fused_steps(net)
+        if fused and in_one is None:
+            raise InputError("fused=True: not for this network on this device (see Trainer); leave it out")
+        kind = General if fused is False or in_one is None else in_one
+        self.net, self.device, self.fused = net, net.device, kind is not General
+        self.optimizer = optimizer or Adam()
+        self.optimizer.bind(net.master)
+        self.sizes, self.batches, self.seed, self.index = sizes, batches, seed, 0
+        scale = loss_scale or (128.0 if kind is FusedCuda else 1.0)
+        self.progress = self._progress(scale)
+        self.options = self._options(average, kind is FusedCuda and loss_scale is None)
+        arguments = (net, self.optimizer, self.progress, self.options, sample, data, loss, int(sizes.max()))
+        self.launches = kind(*arguments)
+        self._graphs: dict[int, Any] = {}
+
+    def _progress(self, scale: float) -> Progress:
+        progress, device = Progress(), self.device
+        for name, count in (("counters", 2), ("flags", 2), ("skipped", 2), ("good", 2)):
+            setattr(progress, name, wp.zeros(count, dtype=int, device=device))
+        progress.scale = wp.full(2, scale, dtype=float, device=device)
+        progress.losses = wp.zeros(HISTORY, dtype=float, device=device)
+        progress.batch = wp.array(self.sizes, dtype=int, device=device)
+        progress.rates, progress.seed = self.optimizer.rates, self.seed
+        return progress
+
+    def _options(self, average: float | None, dynamic: bool) -> Update:
+        options = Update()
+        options.settings, options.dynamic, options.batches = self.optimizer.settings, dynamic, self.batches
+        options.first, options.second = self.optimizer.first, self.optimizer.second
+        options.average = wp.zeros(0 if average is None else self.net.master.size, dtype=float, device=self.device)
+        options.decay = average or 0.0
+        return options
+
+    def gradient(self) -> np.ndarray:
+        """The gradient of the loss of the next step, which is not taken; float32 [net.master.size]."""
+        self._gradient()
+        total = self.launches.gathered()
+        self.net.gradient.zero_()
+        return total / (self.progress.scale.numpy()[self.index % 2] * self.batch_of(self.index) * self.batches)
+
+    def _gradient(self) -> None:
+        for micro in range(self.batches):
+            self.launches.gradient(micro)
+
+    def _step(self) -> None:
+        self._gradient()
+        self.launches.update()
+
+    def _launch(self, steps: int) -> None:
+        if not self.device.is_cuda or steps < CHECK:  # a graph for every count would cost more than it saves
+            for _ in range(steps):
+                self._step()
+            return
+        if steps not in self._graphs:
+            with wp.ScopedCapture(self.device) as capture:
+                for _ in range(steps):
+                    self._step()
+            self._graphs[steps] = capture.graph
+        wp.capture_launch(self._graphs[steps])
+
+    def run(
+        self, steps: int, *, target: float = 0.0, checkpoint: Path | str | None = None, quiet: bool = False
+    ) -> float:
+        """Take `steps` steps, fewer if `loss` falls below `target` before; returns the loss.
+
+        `loss` is looked at every 32 steps. checkpoint: a file to `save` to every 30 seconds and at the end. A progress
+        bar shows the loss and samples a second, unless `quiet` or without a terminal. Raises `InputError` where no
+        gradient was finite for 32 steps; they left the parameters as they were.
+        """
+        if steps < 0:
+            raise InputError(f"steps={steps}: a run has 0 or more")
+        end, begin, samples = self.index + steps, time.perf_counter(), 0
+        saved = begin
+        with tqdm(total=steps, disable=True if quiet else None, file=sys.stderr, unit="step") as bar:
+            while self.index < end:
+                count = min(CHECK - self.index % CHECK, end - self.index)
+                self._launch(count)
+                samples += self.batches * sum(self.batch_of(i) for i in range(self.index, self.index + count))
+                self.index += count
+                self._check()
+                loss, now = self.loss, time.perf_counter()
+                if checkpoint and now - saved > SAVE_SECONDS:
+                    self.save(checkpoint)
+                    saved = now
+                rate = samples / (now - begin)
+                bar.set_postfix_str(f"loss {loss:.3g}, {rate:.3g} samples/s", refresh=False)
+                bar.update(count)
+                if loss < target:
+                    break
+        if checkpoint:
+            self.save(checkpoint)
+        return self.loss
+
+    def batch_of(self, step: int) -> int:
+        """Samples of one batch of step `step`."""
+        return int(self.sizes[min(step, len(self.sizes) - 1)])
+
+    @property
+    def losses(self) -> np.ndarray:
+        """The loss of the last steps, float32 [min(steps so far, 16,384)]; of a skipped step not finite."""
+        losses = np.roll(self.progress.losses.numpy(), -(self.index % HISTORY))
+        return losses[len(losses) - min(self.index, HISTORY) :]
+
+    @property
+    def loss(self) -> float:
+        """The mean loss of the last 32 steps; NaN before the first."""
+        count = min(self.index, CHECK)
+        first = (self.index - count) % HISTORY
+        whole = first + count <= HISTORY
+        last = self.progress.losses[first : first + count].numpy() if whole else self.losses[-count:]
+        return float(last.mean()) if count else float("nan")
+
+    @property
+    def skipped(self) -> int:
+        """Steps skipped so far, because their gradient was not finite."""
+        return int(self.progress.skipped.numpy()[self.index % 2])
+
+    @property
+    def averaged(self) -> np.ndarray:
+        """The moving average of `net.master`, float32; to use it: `net.master.assign(trainer.averaged); net.pack()`."""
+        if not self.options.average.size:
+            raise InputError("no average was kept; make the Trainer with average=0.99, for example")
+        return self.options.average.numpy().copy()
+
+    def _check(self) -> None:
+        if self.progress.good.numpy()[self.index % 2] <= -CHECK:
+            raise InputError(
+                f"training stopped at step {self.index}: no gradient was finite for {CHECK} steps. Look for NaN or "
+                "infinity in the data, lower the learning rate, or train in float32"
+            )
+
+    def save(self, path: Path | str) -> None:
+        """Write all that the run needs to go on, whole or not at all, as safetensors."""
+        save_checkpoint(path, self.net, self.index, self._configuration(), self._state())
+
+    def load(self, path: Path | str) -> None:
+        """Go on where `save` was called: the same steps follow bit for bit (see the class). The trainer is to be made
+        with the same arguments. Raises `InputError` for a damaged file or one of another network; nothing changes then.
+        """
+        self.index = load_checkpoint(path, self.net, self._configuration(), self._state())
+        self.progress.counters.fill_(self.index)
+
+    def _configuration(self) -> dict:
+        return {
+            "seed": self.seed,
+            "optimizer": type(self.optimizer).__name__,
+            "settings": list(map(float, self.optimizer.settings)),
+            "batches": self.batches,
+            "fused": self.fused,
+        }
+
+    def _state(self) -> dict[str, wp.array]:
+        """What changes from step to step beside the network."""
+        arrays = {name: getattr(self.progress, name) for name in ("skipped", "good", "flags", "scale", "losses")}
+        return arrays | {name: getattr(self.options, name) for name in ("first", "second", "average")}
