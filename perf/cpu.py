@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
-from warp_neural.kernels.nn.random import random_stream
 
 from perf import peers
 from perf.measure import Bench, Config, check, times_in_turn
@@ -21,6 +19,8 @@ from perf.pictures import bars
 from perf.precision import OCTAVES, encode
 from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import run
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
+from warp_neural.kernels.nn.random import random_stream
 
 GRADIENT_LIMITS = {"float32": 1e-5, "float16": 1e-2}
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
 from perf import networks, peers_cuda
 from perf.measure import Bench, Config, check
@@ -22,6 +21,7 @@ from perf.peak import measure_cpu, measure_mma, measure_torch
 from perf.pictures import bars
 from warp_neural import MLP
 from warp_neural.cli import progress, run
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
 KINDS = [
     ("float16", "float16"),

@@ -4,13 +4,12 @@
 0.203 ms on an H200 as the course calls it, 0.133 ms recorded in one command buffer. On the CPU 256 x 256 to 64 x 64.
 """
 
-from warp_neural.samples.mipmap.classical import toksvig
-from warp_neural.samples.mipmap.learn import Learner, Recipe
-from warp_neural.samples.mipmap.maps import MaterialConfig, pack, source_maps
-
 from perf.measure import Bench, Config
 from perf.pictures import bars
 from warp_neural.cli import progress, run
+from warp_neural.samples.mipmap.classical import toksvig
+from warp_neural.samples.mipmap.learn import Learner, Recipe
+from warp_neural.samples.mipmap.maps import MaterialConfig, pack, source_maps
 from warp_neural.train.optim import Adam
 
 FACTOR = 4

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from unittest import mock
 
 import warp as wp
-from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
 from perf import counters, networks, training
 from perf.measure import Bench, Config
@@ -26,6 +25,7 @@ from perf.results import Result
 from perf.sass import find_tool, mix
 from warp_neural.cli import progress, resolve_device, run
 from warp_neural.errors import InputError
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
 KINDS = [("float16", "float16"), ("float16", "float32"), ("e4m3", "float16"), ("int8", "float32")]
 BLOCK, THREADS, BATCH = 64, 1 << 22, 1 << 18

@@ -16,9 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
-from warp_neural.samples.hardware_acceleration import texture
-from warp_neural.samples.network import step_02_multiple_layers, step_04_frequency_encoding
 
 from perf import peers_cuda
 from perf.measure import Bench, Config, check
@@ -27,6 +24,9 @@ from perf.pictures import steps
 from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import progress, run
 from warp_neural.coopvec import make_load
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
+from warp_neural.samples.hardware_acceleration import texture
+from warp_neural.samples.network import step_02_multiple_layers, step_04_frequency_encoding
 
 SHAPES = [(2, 32), (3, 32), (2, 64), (3, 64), (3, 16), (3, 128)]
 ENCODINGS = {

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import reference_networks as reference
 import warp as wp
-from warp_neural.kernels.nn.spec import NetworkSpec, select_network
 
 from warp_neural import MLP
+from warp_neural.kernels.nn.spec import NetworkSpec, select_network
 from warp_neural.nn.mlp import IMPLEMENTATIONS
 
 BLOCK = 32  # samples come in whole blocks of one network each, as the tiled version needs

@@ -6,6 +6,7 @@ from math import ceil, factorial
 
 import numpy as np
 from numpy.polynomial import Legendre
+
 from warp_neural.kernels.nn.encodings import Concatenate, Encoding
 
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint64)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import reference_networks as reference
 import warp as wp
+
 from warp_neural.kernels.nn import activations
 
 NAMES = [a.name for a in activations.ALL]

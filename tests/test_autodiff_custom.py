@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import warp as wp
-from warp_neural.samples.autodiff import __main__ as sample
-from warp_neural.samples.autodiff import step_05_normals
 
 import warp_neural as wn
 from warp_neural.autodiff import check_gradients, debug_grad, jvp, make_jvp
 from warp_neural.imaging.image import load_image
+from warp_neural.samples.autodiff import __main__ as sample
+from warp_neural.samples.autodiff import step_05_normals
 
 
 @wp.func_native("return x * x;", adj_snippet="adj_x += 2.0f * x * adj_ret;")

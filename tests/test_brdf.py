@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
-from warp_neural.samples.mipmap.learn import texel_loss
 
 from warp_neural.materials.shading import brdf, display
+from warp_neural.samples.mipmap.learn import texel_loss
 
 ROWS = 512
 

@@ -5,10 +5,10 @@ from contextlib import nullcontext
 
 import pytest
 import warp as wp
-from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
 
 from warp_neural import MLP, InputError
 from warp_neural.coopvec import check_combination, combination_table, supported_combinations
+from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
 
 
 def test_combinations(device):

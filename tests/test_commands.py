@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
-from warp_neural.kernels.nn import activations, encodings
-from warp_neural.kernels.nn.spec import NetworkSpec
 
 from warp_neural import MLP, InputError
 from warp_neural.cli.commands import main
@@ -19,6 +17,8 @@ from warp_neural.coopvec.combinations import supported_combinations
 from warp_neural.io.rtxns import RtxnsNetwork
 from warp_neural.io.rtxns_json import write_json
 from warp_neural.io.tensors import save_tensors
+from warp_neural.kernels.nn import activations, encodings
+from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.nn.convert import Form, load_rtxns, read_rtxns, save_rtxns
 from warp_neural.nn.network_data import NetworkData, read_network, write_network
 

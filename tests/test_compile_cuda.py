@@ -4,6 +4,8 @@ import importlib
 
 import pytest
 import warp as wp
+
+from warp_neural import encodings
 from warp_neural.kernels.coopvec.convert import convert_kernel
 from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.coopvec.network import make_network
@@ -21,8 +23,6 @@ from warp_neural.kernels.training.fused import make_gradient_kernel
 from warp_neural.kernels.training.mma.schedule import make_plan
 from warp_neural.kernels.training.taped_update import make_update_kernel
 from warp_neural.kernels.training.update import make_fused_update_kernel
-
-from warp_neural import encodings
 
 MODULES = [
     "warp_neural.kernels.nn.optimizers",

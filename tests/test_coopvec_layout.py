@@ -8,12 +8,12 @@ import reference_networks as reference
 import warp as wp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from warp_neural.kernels.coopvec.convert import convert_kernel, make_element_index
-from warp_neural.kernels.coopvec.layout import layer_table, make_pack_kernel, network_layout
-from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
 
 from warp_neural import InputError
 from warp_neural.coopvec import convert_matrix, matrix_size, pack_matrix, unpack_matrix
+from warp_neural.kernels.coopvec.convert import convert_kernel, make_element_index
+from warp_neural.kernels.coopvec.layout import layer_table, make_pack_kernel, network_layout
+from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
 
 LAYOUTS = ["row_major", "column_major", "inferencing_optimal", "training_optimal"]
 # one K block of the B operand (PTX ISA): axes of k from slow to fast, and their order in the words of a lane

@@ -5,6 +5,7 @@ from math import erf
 import numpy as np
 import pytest
 import warp as wp
+
 from warp_neural.kernels.coopvec.cpu.math import FUNCTIONS, MATH, on_vectors
 from warp_neural.kernels.coopvec.cpu.network import PRELUDE
 

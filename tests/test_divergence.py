@@ -5,10 +5,10 @@ import pytest
 import reference_networks as reference
 import warp as wp
 from networks import bound, error, evaluate, expected, flat, random_biases, samples
-from warp_neural.kernels.nn import activations
-from warp_neural.kernels.nn.spec import select_network
 
 from warp_neural import MLP
+from warp_neural.kernels.nn import activations
+from warp_neural.kernels.nn.spec import select_network
 
 INTERLEAVED = [1, 2, 5, 32]  # networks, dealt to consecutive threads in turn
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from reference_encodings import expected
+
 from warp_neural.kernels.nn.encodings import (
     Concatenate,
     Encoding,

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import reference_networks as reference
 import warp as wp
+
+from warp_neural import MLP
 from warp_neural.kernels.coopvec.formats import make_decode, make_encode
 from warp_neural.kernels.coopvec.layout import make_pack_kernel, network_layout
 from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
-
-from warp_neural import MLP
 
 NAMES = list(FORMATS)
 ENCODE, DECODE = [make_encode(f) for f in FORMATS.values()], [make_decode(f) for f in FORMATS.values()]

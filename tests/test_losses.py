@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import warp as wp
+
 from warp_neural.kernels.nn import losses
 from warp_neural.kernels.nn.losses import Loss
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import reference
 import warp as wp
+
+from warp_neural.errors import InputError
+from warp_neural.imaging.image import displayed_psnr
 from warp_neural.samples.mipmap.classical import box_filter, toksvig
 from warp_neural.samples.mipmap.judge import judge, random_directions, render
 from warp_neural.samples.mipmap.learn import Learner, Recipe
 from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, pack, source_maps
-
-from warp_neural.errors import InputError
-from warp_neural.imaging.image import displayed_psnr
 from warp_neural.train.optim import SGD, Adam
 
 SIDE = 32  # of the source; 8 x 8 texels learn

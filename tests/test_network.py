@@ -10,9 +10,9 @@ import warp.autograd
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from networks import BLOCK, ROUNDING, bound, error, evaluate, expected, flat, make_kernel, random_biases, samples
-from warp_neural.kernels.nn import activations
 
 from warp_neural import MLP
+from warp_neural.kernels.nn import activations
 
 PRECISIONS = [
     ("float32", "float32"),

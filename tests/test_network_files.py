@@ -8,11 +8,11 @@ import pytest
 import warp as wp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from warp_neural.kernels.nn import activations, encodings
-from warp_neural.kernels.nn.spec import FORMATS, INT8, NetworkSpec
 
 from warp_neural import MLP, InputError
 from warp_neural.io.tensors import load_tensors, save_tensors
+from warp_neural.kernels.nn import activations, encodings
+from warp_neural.kernels.nn.spec import FORMATS, INT8, NetworkSpec
 from warp_neural.nn.network_data import NetworkData, read_network, write_network
 from warp_neural.nn.network_file import load_network, make_network, save_network
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+
 from warp_neural.kernels.coopvec.formats import make_encode
 from warp_neural.kernels.coopvec.operations import (
     Buffer,

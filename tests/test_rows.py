@@ -6,9 +6,9 @@ import reference_encodings
 import reference_networks
 import warp as wp
 from networks import evaluate, random_biases, samples
-from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
 import warp_neural as wn
+from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
 
 @pytest.mark.parametrize("n_in, width, precision", [(32, 32, "float16"), (48, 64, "float16"), (20, 16, "bfloat16")])

@@ -5,6 +5,12 @@ from dataclasses import replace
 
 import pytest
 import warp as wp
+
+from warp_neural.errors import InputError
+from warp_neural.imaging.exr import load_exr
+from warp_neural.imaging.exr_mips import load_exr_mips
+from warp_neural.imaging.image import load_image
+from warp_neural.materials.material import find_maps
 from warp_neural.samples.mipmap import __main__ as mipmap
 from warp_neural.samples.mipmap import (
     step_01_basic_program,
@@ -14,12 +20,6 @@ from warp_neural.samples.mipmap import (
     step_05_train,
 )
 from warp_neural.samples.mipmap.maps import MaterialConfig
-
-from warp_neural.errors import InputError
-from warp_neural.imaging.exr import load_exr
-from warp_neural.imaging.exr_mips import load_exr_mips
-from warp_neural.imaging.image import load_image
-from warp_neural.materials.material import find_maps
 
 
 @pytest.fixture

@@ -4,6 +4,10 @@ import json
 
 import numpy as np
 import pytest
+
+from warp_neural import cli
+from warp_neural.errors import InputError
+from warp_neural.imaging.image import load_image, save_image
 from warp_neural.samples.hardware_acceleration import __main__ as hardware_acceleration
 from warp_neural.samples.hardware_acceleration.picture import load_picture
 from warp_neural.samples.network import __main__ as network
@@ -15,10 +19,6 @@ from warp_neural.samples.network import (
     step_05_latent_texture,
 )
 from warp_neural.samples.network.target import Config, load_target, psnr
-
-from warp_neural import cli
-from warp_neural.errors import InputError
-from warp_neural.imaging.image import load_image, save_image
 
 STEPS = [
     step_01_basic_network,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import warp as wp
-from warp_neural.kernels.nn.random import random_stream
-from warp_neural.kernels.shading.sampling_2d import jittered_2d
 
 from warp_neural import InputError
 from warp_neural.imaging.density import Density
+from warp_neural.kernels.nn.random import random_stream
+from warp_neural.kernels.shading.sampling_2d import jittered_2d
 
 N = 200_000
 COLUMNS, ROWS = 7, 5

@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 import reference_disney
 import warp as wp
+
+import warp_neural as wn
+from warp_neural.errors import InputError
+from warp_neural.imaging.image import load_image, save_image
 from warp_neural.kernels.training.fused import make_gradient_kernel
 from warp_neural.kernels.training.mma.schedule import make_plan
+from warp_neural.materials.shading import random_stream
 from warp_neural.samples.shader_training import __main__ as shader_training
 from warp_neural.samples.shader_training import (
     step_01_simple_inferencing,
@@ -18,11 +23,6 @@ from warp_neural.samples.shader_training import (
 from warp_neural.samples.shader_training.disney import disney_terms, draw, vec5
 from warp_neural.samples.shader_training.evaluate import HELD_OUT, evaluate, make_error_kernel
 from warp_neural.samples.shader_training.train import LOSS, make_net
-
-import warp_neural as wn
-from warp_neural.errors import InputError
-from warp_neural.imaging.image import load_image, save_image
-from warp_neural.materials.shading import random_stream
 
 
 @wp.kernel(enable_backward=False)

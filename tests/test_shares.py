@@ -8,11 +8,11 @@ import warp as wp
 from networks import error
 from reference_encodings import expected
 from trainers import trainer
-from warp_neural.kernels.nn.encodings.shares import make_adjoint_share, make_encode_share, vec_share
-from warp_neural.kernels.nn.spec import Parameters
 
 import warp_neural as wn
 from warp_neural import encodings
+from warp_neural.kernels.nn.encodings.shares import make_adjoint_share, make_encode_share, vec_share
+from warp_neural.kernels.nn.spec import Parameters
 
 GRID = encodings.HashGrid(8, 2, log2_size=13, base_resolution=4, growth=1.7)  # 2 shares; 6 levels in 2D are crowded
 CASES = [

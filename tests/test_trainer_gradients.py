@@ -3,10 +3,10 @@
 import pytest
 from networks import error, random_biases
 from trainers import check_encoded, check_gradient, trainer
-from warp_neural.kernels.training.mma.schedule import make_plan
 
 import warp_neural as wn
 from warp_neural import activations, encodings, losses
+from warp_neural.kernels.training.mma.schedule import make_plan
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
 CASES = [

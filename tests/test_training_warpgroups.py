@@ -5,15 +5,15 @@ import pytest
 import warp as wp
 from networks import error, random_biases
 from trainers import check_encoded, check_gradient, trainer, true_gradient
+
+import warp_neural as wn
+from warp_neural import activations, encodings
 from warp_neural.kernels.nn.losses import l2
 from warp_neural.kernels.nn.spec import BFLOAT16, NetworkSpec
 from warp_neural.kernels.training.fused import make_gradient_kernel
 from warp_neural.kernels.training.hopper64.schedule import make_warpgroup_plan
 from warp_neural.kernels.training.hopper128.lower_step import make_lower_kernel
 from warp_neural.kernels.training.hopper128.schedule import make_wide_plan
-
-import warp_neural as wn
-from warp_neural import activations, encodings
 from warp_neural.train.layout import fragment_order
 from warp_neural.train.optim import SGD
 

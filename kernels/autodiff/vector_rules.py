@@ -8,6 +8,7 @@ import operator
 from typing import Any
 
 import warp as wp
+
 from warp_neural.kernels.autodiff.rules import RULES, derivative_of
 
 __all__ = ["RULES"]

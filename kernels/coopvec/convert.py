@@ -12,6 +12,7 @@ training_optimal: the accumulators of `mma.sync` m16n8, tiles of 16 rows by 8 co
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.formats import make_decode, make_encode
 from warp_neural.kernels.coopvec.layout import make_fragment_coordinates
 from warp_neural.kernels.nn.spec import FORMATS, Format, round_up

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.formats import make_decode, make_encode
 from warp_neural.kernels.nn.activations import relu
 from warp_neural.kernels.nn.spec import FLOAT16, INT8, Format, NetworkSpec, round_up

@@ -6,6 +6,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.nn.spec import C_TYPES
 
 SIZES = {wp.float16: 2, wp.float32: 4}

@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.cpu import network as cpu
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.native import both

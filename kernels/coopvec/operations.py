@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec import operations_text as text
 from warp_neural.kernels.nn.spec import FLOAT16, INT8, Format
 

@@ -1,6 +1,7 @@
 """C++ text of the four operations: one portable per-thread form, and the tensor cores where a whole warp arrives."""
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.convert import element_index
 from warp_neural.kernels.coopvec.cuda import adjoint as cuda_adjoint
 from warp_neural.kernels.coopvec.cuda import fragments, primitives

@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, Parameters

@@ -6,6 +6,7 @@ Both read the float32 master parameters, and have the signature of `kernels.coop
 from functools import cache, reduce
 
 import warp as wp
+
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, Parameters
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import warp as wp
+
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.activations import Activation
 

@@ -5,6 +5,7 @@ to the uniform pair's (1 / 2 pi)^2, so 1 / density is the importance weight.
 """
 
 import warp as wp
+
 from warp_neural.kernels.shading.brdf import ggx, ggx_alpha, half_vector
 
 

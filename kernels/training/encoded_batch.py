@@ -7,6 +7,7 @@ leaf of the encoding; `rows[i, s]` is share s of its results for sample i.
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.nn.encodings.base import Leaf
 from warp_neural.kernels.nn.encodings.shares import make_adjoint_share, make_crowd, make_encode_share, vec_share

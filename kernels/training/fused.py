@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters

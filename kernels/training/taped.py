@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.random import random_stream
 from warp_neural.kernels.nn.spec import C_TYPES, NetworkSpec, Parameters

@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.nn.encodings.base import UNROLL
 from warp_neural.kernels.training.progress import Progress
 from warp_neural.kernels.training.update import Update, advance, rates_of

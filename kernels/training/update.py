@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.formats import make_encode
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.schedule import Plan

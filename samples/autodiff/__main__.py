@@ -5,6 +5,7 @@
 Runs steps 1 to 5; leaves normals.png. An example that does not come out as the lecture says ends the run.
 """
 
+from warp_neural import cli
 from warp_neural.samples.autodiff import (
     step_01_forward,
     step_02_backward,
@@ -12,8 +13,6 @@ from warp_neural.samples.autodiff import (
     step_04_debug,
     step_05_normals,
 )
-
-from warp_neural import cli
 
 STEPS = (step_01_forward, step_02_backward, step_03_custom, step_04_debug, step_05_normals)
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-from warp_neural.samples.figures import save_figure, show
 
 from warp_neural.imaging.image import linear_to_srgb
+from warp_neural.samples.figures import save_figure, show
 
 
 def save_sheet(

@@ -6,10 +6,10 @@ Expect 14 along (1, 1), 6 along (1, 0), 8 along (0, 1), for square(x, y) = x^2 +
 """
 
 import warp as wp
-from warp_neural.samples.autodiff.lecture import check, square
 
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.autodiff.lecture import check, square
 
 
 @wp.struct

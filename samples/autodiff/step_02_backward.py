@@ -6,10 +6,10 @@ Expect (6, 8) for square(x, y) = x^2 + y^2 at (3, 4), and 256 times 2 b_j for b_
 """
 
 import warp as wp
-from warp_neural.samples.autodiff.lecture import backward, check, scalar, square
-from warp_neural.samples.autodiff.step_01_forward import Point, point, power, square_struct
 
 from warp_neural import cli
+from warp_neural.samples.autodiff.lecture import backward, check, scalar, square
+from warp_neural.samples.autodiff.step_01_forward import Point, point, power, square_struct
 
 THREADS = 1024
 

@@ -8,10 +8,10 @@ derivative is said to be 1. Expect 0 without and 1 with the custom derivative, i
 """
 
 import warp as wp
-from warp_neural.samples.autodiff.lecture import backward, check, scalar
 
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.autodiff.lecture import backward, check, scalar
 
 
 @wp.func

@@ -7,10 +7,10 @@ infinite gradient found where a square root is taken of 0.
 """
 
 import warp as wp
-from warp_neural.samples.autodiff.lecture import backward, check, scalar
 
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.autodiff.lecture import backward, check, scalar
 
 debug_grad = wn.autodiff.debug_grad
 

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.autodiff.figures import save_sheet
-from warp_neural.samples.autodiff.scene import DOUBLE, SINGLE
 
 from warp_neural import cli
 from warp_neural.errors import InputError
+from warp_neural.samples.autodiff.figures import save_sheet
+from warp_neural.samples.autodiff.scene import DOUBLE, SINGLE
 
 STEPS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 LIGHT = wp.constant(wp.vec3(-0.48, 0.64, 0.6))

@@ -29,15 +29,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import warp as wp
-from warp_neural.samples.hardware_acceleration.figures import save_crops, save_times
-from warp_neural.samples.hardware_acceleration.picture import load_picture
-from warp_neural.samples.hardware_acceleration.small_network import compare, warm_up
-from warp_neural.samples.hardware_acceleration.texture import VERSIONS, Size, crop, psnr, train
 
 from warp_neural import cli
 from warp_neural.cli import CommonConfig
 from warp_neural.errors import InputError
 from warp_neural.io.files import atomic_path
+from warp_neural.samples.hardware_acceleration.figures import save_crops, save_times
+from warp_neural.samples.hardware_acceleration.picture import load_picture
+from warp_neural.samples.hardware_acceleration.small_network import compare, warm_up
+from warp_neural.samples.hardware_acceleration.texture import VERSIONS, Size, crop, psnr, train
 
 LONG = ("float32", "float16")  # the versions that the long runs compare
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+
 from warp_neural.samples.figures import save_figure, save_picture
 
 LABELS = {

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.hardware_acceleration.small_network import seconds_a_step
 
 import warp_neural as wn
+from warp_neural.samples.hardware_acceleration.small_network import seconds_a_step
 
 JUDGED = 1 << 18  # pixels, drawn once, that the PSNR is measured on
 

@@ -33,6 +33,11 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import warp as wp
+
+from warp_neural import cli
+from warp_neural.errors import InputError
+from warp_neural.imaging.image import displayed_psnr
+from warp_neural.io.files import atomic_path
 from warp_neural.samples.mipmap.chain import learn_chain
 from warp_neural.samples.mipmap.classical import box_filter, toksvig
 from warp_neural.samples.mipmap.figures import save_comparison, save_curves, save_maps
@@ -40,11 +45,6 @@ from warp_neural.samples.mipmap.judge import Errors, flip, judge, random_directi
 from warp_neural.samples.mipmap.learn import Learner, Recipe, run
 from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, pack, source_maps
 from warp_neural.samples.mipmap.sweep import sweep
-
-from warp_neural import cli
-from warp_neural.errors import InputError
-from warp_neural.imaging.image import displayed_psnr
-from warp_neural.io.files import atomic_path
 from warp_neural.train.optim import SGD, Adam
 
 BALANCE = (0.25, 0.75)  # of linear and displayed error in the loss

@@ -2,15 +2,14 @@
 
 from dataclasses import replace
 
+from warp_neural import cli
+from warp_neural.errors import InputError
+from warp_neural.imaging.exr_mips import save_exr_mips
 from warp_neural.samples.mipmap.classical import box_filter, toksvig
 from warp_neural.samples.mipmap.figures import CHANNELS, save_maps, stacked
 from warp_neural.samples.mipmap.judge import judge
 from warp_neural.samples.mipmap.learn import Learner, Recipe, run
 from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, pack
-
-from warp_neural import cli
-from warp_neural.errors import InputError
-from warp_neural.imaging.exr_mips import save_exr_mips
 
 
 def learn_chain(config: MaterialConfig, source: Maps, recipe: Recipe, steps: int) -> list[dict[str, float]]:

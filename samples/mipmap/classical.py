@@ -1,6 +1,7 @@
 """The two classical ways to shrink a material's maps."""
 
 import numpy as np
+
 from warp_neural.samples.mipmap.maps import Maps
 
 

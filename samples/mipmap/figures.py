@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-from warp_neural.samples.figures import save_figure, show
-from warp_neural.samples.mipmap.maps import Maps
 
 from warp_neural.imaging.exr import save_exr
 from warp_neural.imaging.image import save_image
+from warp_neural.samples.figures import save_figure, show
+from warp_neural.samples.mipmap.maps import Maps
 
 LABELS = {"box": "box filter", "toksvig": "Toksvig", "sgd": "SGD, course's gradients", "adam": "learned (Adam)"}
 NOTE = """Light (0.2, 0.2, 1), seen from above.

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.mipmap.maps import Maps, load_channels, pack, packed_shade
 
 from warp_neural.materials.shading import display, random_stream, uniform_hemisphere
+from warp_neural.samples.mipmap.maps import Maps, load_channels, pack, packed_shade
 
 BATCHES = 16
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.mipmap.maps import Maps, load_channels, packed_normal, packed_shade
 
 from warp_neural.materials.shading import (
     brdf,
@@ -17,6 +16,7 @@ from warp_neural.materials.shading import (
     random_stream,
     uniform_hemisphere,
 )
+from warp_neural.samples.mipmap.maps import Maps, load_channels, packed_normal, packed_shade
 from warp_neural.train.optim import Parameters, cosine
 
 wp.set_module_options({"fast_math": True})  # CUDA: divisions and roots good to 2 ulp; the judge has exact ones

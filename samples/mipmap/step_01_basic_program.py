@@ -6,11 +6,11 @@ A light nearly overhead, the viewer straight above: the wet stones glitter. Expe
 """
 
 import warp as wp
-from warp_neural.samples.figures import save_picture
-from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, source_maps
 
 from warp_neural import cli
 from warp_neural.materials.shading import brdf, display
+from warp_neural.samples.figures import save_picture
+from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, source_maps
 
 LIGHT = wp.constant(wp.normalize(wp.vec3(0.2, 0.2, 1.0)))
 VIEW = wp.constant(wp.vec3(0.0, 0.0, 1.0))

@@ -8,13 +8,13 @@ directions now shines in few. Only the mean is right: expect 0.159, and 0.158 in
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.figures import save_picture
-from warp_neural.samples.mipmap.maps import MaterialConfig, source_maps
-from warp_neural.samples.mipmap.step_01_basic_program import render, shown, upload
 
 from warp_neural import cli
 from warp_neural.errors import InputError
 from warp_neural.materials.shading import downsample
+from warp_neural.samples.figures import save_picture
+from warp_neural.samples.mipmap.maps import MaterialConfig, source_maps
+from warp_neural.samples.mipmap.step_01_basic_program import render, shown, upload
 
 
 def halvings(factor: int) -> int:

@@ -7,12 +7,12 @@ like. It costs 16 evaluations a texel where step 2 costs one. Expect step 1's me
 """
 
 import numpy as np
+
+from warp_neural import cli
 from warp_neural.samples.figures import save_picture
 from warp_neural.samples.mipmap.maps import MaterialConfig, source_maps
 from warp_neural.samples.mipmap.step_01_basic_program import render, shown, upload
 from warp_neural.samples.mipmap.step_02_downsampled_inputs import downsampled, enlarge
-
-from warp_neural import cli
 
 
 def main(config: MaterialConfig) -> dict:

@@ -7,12 +7,12 @@ Bright where filtered maps fail: on the glossy parts, hardly on the rough ones. 
 
 import numpy as np
 import warp as wp
+
+from warp_neural import cli
 from warp_neural.samples.figures import save_picture
 from warp_neural.samples.mipmap.maps import MaterialConfig, source_maps
 from warp_neural.samples.mipmap.step_01_basic_program import render, shown, upload
 from warp_neural.samples.mipmap.step_02_downsampled_inputs import downsampled, enlarge
-
-from warp_neural import cli
 
 
 @wp.kernel(enable_backward=False)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+
+from warp_neural import cli
+from warp_neural.materials.shading import brdf, random_stream, read_float, read_vec3, uniform_hemisphere
 from warp_neural.samples.figures import save_picture
 from warp_neural.samples.mipmap.maps import MaterialConfig, source_maps
 from warp_neural.samples.mipmap.step_01_basic_program import render, shown, upload
 from warp_neural.samples.mipmap.step_02_downsampled_inputs import downsampled, enlarge
-
-from warp_neural import cli
-from warp_neural.materials.shading import brdf, random_stream, read_float, read_vec3, uniform_hemisphere
 from warp_neural.train.optim import Adam, Parameters, linear
 
 

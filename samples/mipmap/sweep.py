@@ -5,12 +5,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import warp as wp
-from warp_neural.samples.mipmap.judge import judge, workers
-from warp_neural.samples.mipmap.learn import Learner, Recipe, run
-from warp_neural.samples.mipmap.maps import MaterialConfig
 
 from warp_neural import cli
 from warp_neural.io.files import atomic_path
+from warp_neural.samples.mipmap.judge import judge, workers
+from warp_neural.samples.mipmap.learn import Learner, Recipe, run
+from warp_neural.samples.mipmap.maps import MaterialConfig
 from warp_neural.train.optim import SGD, Adam
 
 RATES = {SGD: [1e-7, 3e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3], Adam: [1e-3, 3e-3, 1e-2, 2e-2, 3e-2]}

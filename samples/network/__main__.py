@@ -25,6 +25,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+
+import warp_neural as wn
+from warp_neural import cli
+from warp_neural.io.files import atomic_path
 from warp_neural.samples.figures import save_figure, show
 from warp_neural.samples.network import (
     step_01_basic_network,
@@ -35,10 +39,6 @@ from warp_neural.samples.network import (
 )
 from warp_neural.samples.network.step_01_basic_network import fit
 from warp_neural.samples.network.target import Config, load_target, srgb_codes
-
-import warp_neural as wn
-from warp_neural import cli
-from warp_neural.io.files import atomic_path
 
 
 def make_larger(width: int, depth: int, **options) -> wn.MLP:

@@ -16,10 +16,10 @@ from collections.abc import Callable
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.network.target import Config, load_target, psnr, save_beside
 
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.network.target import Config, load_target, psnr, save_beside
 
 GRID = wp.constant(64)
 

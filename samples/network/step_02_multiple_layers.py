@@ -6,11 +6,10 @@ Only the network differs from step 1. Each hidden ReLU folds the picture along a
 soft, and where an output began below 0, as all biases begin at 0, it may stay black.
 """
 
-from warp_neural.samples.network.step_01_basic_network import fit
-from warp_neural.samples.network.target import Config, load_target
-
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.network.step_01_basic_network import fit
+from warp_neural.samples.network.target import Config, load_target
 
 
 def make_network(**options) -> wn.MLP:

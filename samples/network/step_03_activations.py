@@ -5,11 +5,10 @@
 The activations differ from step 2. No neuron is without derivative any more, and colours are positive from the start.
 """
 
-from warp_neural.samples.network.step_01_basic_network import fit
-from warp_neural.samples.network.target import Config, load_target
-
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.network.step_01_basic_network import fit
+from warp_neural.samples.network.target import Config, load_target
 
 
 def make_network(**options) -> wn.MLP:

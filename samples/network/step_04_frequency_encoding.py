@@ -6,11 +6,10 @@ The network sees sines and cosines of 2 pi u and 2 pi v in four octaves instead 
 little moves the fourth octave by much. All have period 1, so opposite edges of the picture look alike to it.
 """
 
-from warp_neural.samples.network.step_01_basic_network import fit
-from warp_neural.samples.network.target import Config, load_target
-
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.network.step_01_basic_network import fit
+from warp_neural.samples.network.target import Config, load_target
 
 
 def make_network(**options) -> wn.MLP:

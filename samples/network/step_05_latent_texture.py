@@ -6,11 +6,10 @@ In place of step 4's fixed encoding, four numbers from a 32 x 32 texture, biline
 weights: detail lies in the texture, and the network, the same at every pixel, learns what to make of it.
 """
 
-from warp_neural.samples.network.step_01_basic_network import fit
-from warp_neural.samples.network.target import Config, load_target
-
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.network.step_01_basic_network import fit
+from warp_neural.samples.network.target import Config, load_target
 
 
 def make_network(**options) -> wn.MLP:

@@ -16,15 +16,15 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
+
+import warp_neural as wn
+from warp_neural import cli
+from warp_neural.io.files import atomic_path
 from warp_neural.samples.shader_training.evaluate import evaluate
 from warp_neural.samples.shader_training.figures import save_sheet, save_spheres
 from warp_neural.samples.shader_training.look import LookConfig, check, light_of, surface_of
 from warp_neural.samples.shader_training.spheres import render
 from warp_neural.samples.shader_training.train import LOSS, RTXNS_LOSS, Recipe, load, make_net, save, train
-
-import warp_neural as wn
-from warp_neural import cli
-from warp_neural.io.files import atomic_path
 
 ANGLES = np.linspace(0, 90, 6)  # degrees between light and view, of the sheet
 ROUGHNESS = np.linspace(0.3, 1.0, 5)

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.shader_training.disney import draw
 
 import warp_neural as wn
 from warp_neural.materials.shading import random_stream
+from warp_neural.samples.shader_training.disney import draw
 
 HELD_OUT = 0x5EED  # added to the seed: samples that no training step draws
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.shader_training.spheres import Surface
 
 from warp_neural import cli
 from warp_neural.errors import InputError
+from warp_neural.samples.shader_training.spheres import Surface
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.shader_training.disney import cosines, disney_terms, radiance
 
 import warp_neural as wn
 from warp_neural.materials.shading import display
+from warp_neural.samples.shader_training.disney import cosines, disney_terms, radiance
 
 DISTANCE = 4.0  # of the eye from the centre of the unit sphere
 

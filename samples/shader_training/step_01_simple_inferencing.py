@@ -11,15 +11,15 @@ from functools import cache
 
 import numpy as np
 import warp as wp
+
+import warp_neural as wn
+from warp_neural import cli
+from warp_neural.imaging.image import displayed_psnr
 from warp_neural.samples.figures import save_picture
 from warp_neural.samples.shader_training.disney import cosines
 from warp_neural.samples.shader_training.look import LookConfig, check, light_of, surface_of
 from warp_neural.samples.shader_training.spheres import Surface, render, shade, trace
 from warp_neural.samples.shader_training.train import Recipe, load, make_net, train
-
-import warp_neural as wn
-from warp_neural import cli
-from warp_neural.imaging.image import displayed_psnr
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from warp_neural.samples.figures import save_picture
-from warp_neural.samples.shader_training.photo import PhotoConfig, bilinear, load_photo, picture, psnr
 
 import warp_neural as wn
 from warp_neural import cli
 from warp_neural.imaging.image import linear_to_srgb
+from warp_neural.samples.figures import save_picture
+from warp_neural.samples.shader_training.photo import PhotoConfig, bilinear, load_photo, picture, psnr
 
 
 @dataclass(frozen=True, kw_only=True)

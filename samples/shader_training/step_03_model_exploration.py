@@ -10,11 +10,11 @@ the edges, four coarse ones, for the colours, and one hidden layer. Expect 20.0,
 from dataclasses import dataclass
 
 import warp as wp
-from warp_neural.samples.shader_training.figures import save_fits
-from warp_neural.samples.shader_training.photo import PhotoConfig, bilinear, load_photo, picture, psnr
 
 import warp_neural as wn
 from warp_neural import cli
+from warp_neural.samples.shader_training.figures import save_fits
+from warp_neural.samples.shader_training.photo import PhotoConfig, bilinear, load_photo, picture, psnr
 
 OCTAVES = wn.encodings.Frequency(octaves=3)
 LATENT = wn.encodings.LatentTexture(32, 32, 4)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import warp as wp
-from warp_neural.samples.shader_training.disney import ENCODING, N_IN, N_OUT, draw
-from warp_neural.samples.shader_training.loss import RelativeError
 
 import warp_neural as wn
 from warp_neural.nn.convert import Form
+from warp_neural.samples.shader_training.disney import ENCODING, N_IN, N_OUT, draw
+from warp_neural.samples.shader_training.loss import RelativeError
 
 EPOCH = 100  # steps
 LOSS = RelativeError("relative_error", "", "", (0.3, 1.0, 0.1, 0.2))

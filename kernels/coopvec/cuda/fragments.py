@@ -12,6 +12,7 @@ Names in the text: `m` sample tile, `h` upper or lower half of a tile, `i = 2 m 
 from dataclasses import replace
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.cuda.primitives import accumulator, prelude, stage
 from warp_neural.kernels.coopvec.layout import MAGIC, LayerLayout, bias_is_half, network_layout
 from warp_neural.kernels.nn.spec import FLOAT16, INT8, TF32, NetworkSpec

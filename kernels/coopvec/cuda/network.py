@@ -4,6 +4,7 @@ The names in the text are those of `fragments`.
 """
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.cuda import adjoint as cuda_adjoint
 from warp_neural.kernels.coopvec.cuda import scalar as cuda_scalar
 from warp_neural.kernels.coopvec.cuda.fragments import (

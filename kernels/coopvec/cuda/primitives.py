@@ -1,6 +1,7 @@
 """CUDA text of the primitives: lanes, staging in shared memory, conversion to registers of each format, `mma.sync`."""
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.layout import network_layout
 from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, E5M2, FLOAT16, INT8, TF32, Format, NetworkSpec
 

@@ -6,6 +6,7 @@ The same packed parameters and the same rounding as on the tensor cores, one sam
 from dataclasses import replace
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.formats import DECODE, ENCODE
 from warp_neural.kernels.coopvec.layout import MAGIC, LayerLayout, bias_is_half, bias_joins_relu, network_layout
 from warp_neural.kernels.nn.activations import relu

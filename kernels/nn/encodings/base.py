@@ -15,6 +15,7 @@ from math import gcd
 from typing import NamedTuple
 
 import warp as wp
+
 from warp_neural.kernels.nn.spec import Parameters
 
 UNROLL = """

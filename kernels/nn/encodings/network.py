@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.nn.spec import Parameters, select_network
 
 

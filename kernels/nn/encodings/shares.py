@@ -8,6 +8,7 @@ from math import gcd
 from typing import NamedTuple
 
 import warp as wp
+
 from warp_neural.kernels.nn.encodings.base import ADD, UNROLL, WHOLE, Leaf, enter
 from warp_neural.kernels.nn.spec import Parameters
 

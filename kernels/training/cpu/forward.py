@@ -13,6 +13,7 @@ d(l % 2), those of the network's input in d1. Rows are padded to whole vectors.
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.cpu.math import on_vectors
 from warp_neural.kernels.coopvec.cpu.network import LANES, ROUND, result, vector_prelude
 from warp_neural.kernels.coopvec.layout import bias_joins_relu, network_layout

@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.cpu import backward as cpu_backward

@@ -3,6 +3,7 @@
 from functools import cache
 
 import warp as wp
+
 from warp_neural.kernels.coopvec.memory import make_store
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.encoded_batch import row_type
