@@ -20,15 +20,13 @@ class Alias(Loader):
     def find_spec(self, name, path=None, target=None):
         real = find_spec(f"warp_neural.{name}") if name.startswith(self.prefix) else None
         package = real and real.submodule_search_locations is not None
-        return real and ModuleSpec(name, self, origin=real.origin, is_package=package)
+        return real and ModuleSpec(name, self, origin=real.origin, loader_state=real, is_package=package)
 
     def create_module(self, spec):
-        module = import_module(f"warp_neural.{spec.name}")
-        self.real = module.__spec__
-        return module
+        return import_module(spec.loader_state.name)
 
-    def exec_module(self, module):
-        module.__spec__ = self.real  # which importing it by another name has replaced
+    def exec_module(self, module):  # it has run; only its spec has been replaced, as if the other name were its own
+        module.__spec__ = module.__spec__.loader_state
 
     def get_code(self, name):  # for `python -m`
         return find_spec(f"warp_neural.{name}").loader.get_code(f"warp_neural.{name}")
