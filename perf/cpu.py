@@ -2,7 +2,7 @@
 
 `inference`: rows of 32 float32 in memory through 32-32-32-16. `training`: a step of 2 inputs, frequency encoding (8
 octaves: 32 values), 32-32-3, ReLU, L2, Adam, that draws and encodes its samples; `fused` is the kernel that a `Trainer`
-takes, `general` goes through the adjoint of the loss. All with one thread, in turn, so that a busy machine is busy for
+takes, `taped` goes through the adjoint of the loss. All with one thread, in turn, so that a busy machine is busy for
 all; results and gradients are compared with float64 first. torch.compile is left out with --quick.
 """
 
@@ -82,7 +82,7 @@ def measure_training(bench: Bench, config: CpuConfig) -> None:
     for name, precision, fused in (
         ("Warp Neural", "float32", None),
         ("Warp Neural, float16", "float16", None),
-        ("Warp Neural, general", "float32", False),
+        ("Warp Neural, taped", "float32", False),
     ):
         if not (config.quick and fused is False):
             trainer = make_trainer(config, precision, fused)

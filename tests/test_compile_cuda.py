@@ -14,13 +14,13 @@ from warp_neural.kernels.nn.losses import l2
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
 from warp_neural.kernels.training.encoded_batch import (
-    make_adjoint_row,
-    make_crowd_kernel,
-    make_encode_row,
-    make_rows_kernel,
+    make_adjoint_sample,
+    make_encode_sample,
+    make_encoded_kernel,
+    make_shared_sums_kernel,
 )
 from warp_neural.kernels.training.fused import make_gradient_kernel
-from warp_neural.kernels.training.mma.schedule import make_plan
+from warp_neural.kernels.training.mma.schedule import make_schedule
 from warp_neural.kernels.training.taped_update import make_update_kernel
 from warp_neural.kernels.training.update import make_fused_update_kernel
 
@@ -90,16 +90,16 @@ def corner(index: int, random: wp.uint32):
 def test_training_compiles_for_hopper(encoding, tmp_path):
     spec = NetworkSpec((encoding.n_out(2) if encoding else 2, 64, 64, 3), accumulation="float16")
     encode, trains = encoding and encoding.make(2), encoding and encoding.make_adjoint(2)
-    plan = make_plan(spec)
-    kernels = [make_gradient_kernel(spec, plan, corner, l2, None if trains else encode, trains is not None)]
-    kernels.append(make_fused_update_kernel(adam, spec, plan))
+    schedule = make_schedule(spec)
+    kernels = [make_gradient_kernel(spec, schedule, corner, l2, None if trains else encode, trains is not None)]
+    kernels.append(make_fused_update_kernel(adam, spec, schedule))
     if trains:
         leaf = encoding.leaves(2)[-1]
         which = leaf, wp.vec2, 4420, spec.format
-        uses = make_encode_row(*which), make_adjoint_row(*which)
-        kernels += [make_rows_kernel(corner, use, leaf, spec.format) for use in uses]
-        if leaf.encoding.crowded(2):
-            kernels.append(make_crowd_kernel(corner, *which))
+        uses = make_encode_sample(*which), make_adjoint_sample(*which)
+        kernels += [make_encoded_kernel(corner, use, leaf, spec.format) for use in uses]
+        if leaf.encoding.shared_sums(2):
+            kernels.append(make_shared_sums_kernel(corner, *which))
         kernels.append(make_update_kernel(adam))
     for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)

@@ -12,7 +12,7 @@ import warp_neural as wn
 from warp_neural.errors import InputError
 from warp_neural.imaging.image import load_image, save_image
 from warp_neural.kernels.training.fused import make_gradient_kernel
-from warp_neural.kernels.training.mma.schedule import make_plan
+from warp_neural.kernels.training.mma.schedule import make_schedule
 from warp_neural.materials.shading import random_stream
 from warp_neural.samples.shader_training import __main__ as shader_training
 from warp_neural.samples.shader_training import (
@@ -169,7 +169,10 @@ def test_shader_training(common, tmp_path):
 
 def test_compiles_for_hopper(tmp_path):
     net = make_net("cpu", seed=0)
-    kernels = [make_gradient_kernel(net.spec, make_plan(net.spec), draw, LOSS, net.encode), make_error_kernel(net.func)]
+    kernels = [
+        make_gradient_kernel(net.spec, make_schedule(net.spec), draw, LOSS, net.encode),
+        make_error_kernel(net.func),
+    ]
     kernels.append(step_01_simple_inferencing.make_shade_kernel(net.func))
     for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)

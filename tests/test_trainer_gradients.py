@@ -6,7 +6,7 @@ from trainers import check_encoded, check_gradient, trainer
 
 import warp_neural as wn
 from warp_neural import activations, encodings, losses
-from warp_neural.kernels.training.mma.schedule import make_plan
+from warp_neural.kernels.training.mma.schedule import make_schedule
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
 CASES = [
@@ -48,7 +48,7 @@ def test_gradient_at_every_size(device, width, depth, precision):
 
 
 @pytest.mark.parametrize("activation", activations.ALL, ids=lambda a: a.name)
-def test_fused_and_general_gradients_agree(device, activation):
+def test_fused_and_taped_gradients_agree(device, activation):
     if device.is_cpu and activation not in (activations.relu, activations.sine, activations.sigmoid):
         pytest.skip("the fused path of the CPU is compared in test_training_cpu")
     kind = {"activation": activation, "output_activation": activation, "device": device, "precision": "float16"}
@@ -90,11 +90,11 @@ def test_gradient_of_a_loss(device, loss):
     assert error(*gradients) < 5e-3
 
 
-def test_which_networks_have_a_plan():
+def test_which_networks_have_a_schedule():
     """Shared memory and registers are enough up to these depths, on an H200 and on a GeForce."""
     for shared, shapes in ((227, ((16, 8), (32, 5), (64, 4))), (99, ((16, 5), (32, 3)))):
         for width, depth in shapes:
-            plan = make_plan(wn.MLP(width, 16, width, depth, device="cpu").spec, shared * 1024)
-            assert plan.words * 4 <= (shared - 15) * 1024 and plan.sums <= 208
-    assert make_plan(wn.MLP(128, 16, 128, 3, device="cpu").spec) is None
-    assert make_plan(wn.MLP(64, 16, 64, 3, device="cpu").spec, 99 * 1024) is None
+            schedule = make_schedule(wn.MLP(width, 16, width, depth, device="cpu").spec, shared * 1024)
+            assert schedule.words * 4 <= (shared - 15) * 1024 and schedule.sums <= 208
+    assert make_schedule(wn.MLP(128, 16, 128, 3, device="cpu").spec) is None
+    assert make_schedule(wn.MLP(64, 16, 64, 3, device="cpu").spec, 99 * 1024) is None

@@ -1,4 +1,4 @@
-"""The fused step on the CPU: gradients against float64 NumPy and the general path, samples, steps that go wrong."""
+"""The fused step on the CPU: gradients against float64 NumPy and the taped step, samples, steps that go wrong."""
 
 from functools import cache
 
@@ -99,17 +99,17 @@ def test_gradient(n_in, n_out, width, depth, hidden, output, precision, n):
 def test_rounding_is_that_of_the_network(precision, accumulation, dtype):
     """Only the rounding of results and of their gradients to the callers' float16 differs."""
     net = make_net(5, 3, 20, 2, precision=precision, accumulation=accumulation, dtype=dtype)
-    mine, general = (trainer(net, 100, fused=fused)[0].gradient() for fused in (None, False))
-    assert error(mine, general) < (1e-6 if dtype is float else 1e-3)
+    mine, taped = (trainer(net, 100, fused=fused)[0].gradient() for fused in (None, False))
+    assert error(mine, taped) < (1e-6 if dtype is float else 1e-3)
 
 
 def test_encoding_with_parameters_learns():
     parts = (encodings.Frequency(3), encodings.LatentTexture(6, 6, 4))
     net = make_net(2, 3, 32, 1, encoding=encodings.Concatenate(parts), precision="float32")
-    mine, general = (trainer(net, 150, fused=fused)[0].gradient() for fused in (None, False))
+    mine, taped = (trainer(net, 150, fused=fused)[0].gradient() for fused in (None, False))
     for part in (slice(0, net.n_parameters), slice(net.encoding_start, None)):
         assert mine[part].any()
-        assert error(mine[part], general[part]) < 1e-5
+        assert error(mine[part], taped[part]) < 1e-5
 
 
 def after(steps, path=None, **options):
@@ -133,10 +133,10 @@ def test_runs_are_equal_bit_for_bit_and_resume(tmp_path):
         assert np.array_equal(a, c)
 
 
-def test_samples_are_those_of_the_general_path():
-    mine, general = after(5), after(5, fused=False)
-    np.testing.assert_allclose(mine[1], general[1], rtol=1e-5)
-    np.testing.assert_allclose(mine[0], general[0], rtol=0, atol=1e-5)
+def test_samples_are_those_of_the_taped_step():
+    mine, taped = after(5), after(5, fused=False)
+    np.testing.assert_allclose(mine[1], taped[1], rtol=1e-5)
+    np.testing.assert_allclose(mine[0], taped[0], rtol=0, atol=1e-5)
 
 
 def test_gradients_that_overflow_skip_the_step():
@@ -163,7 +163,7 @@ def test_a_bad_target_skips_the_step_and_leaves_no_trace():
 
 
 @pytest.mark.parametrize("options", [{"precision": "int8"}, {"implementation": "per_thread"}])
-def test_other_networks_train_in_general(options):
+def test_other_networks_train_taped(options):
     net = make_net(2, 3, 16, 1, **options)
     assert not wn.Trainer(net, sample=noise, batch=10).fused
     with pytest.raises(wn.InputError, match="fused=True"):

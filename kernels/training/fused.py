@@ -8,25 +8,25 @@ import warp as wp
 from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
-from warp_neural.kernels.training.encoded_batch import row_type
-from warp_neural.kernels.training.hopper64 import backward as warpgroup_backward
-from warp_neural.kernels.training.hopper64 import forward as warpgroup
-from warp_neural.kernels.training.hopper64.schedule import WarpgroupPlan
-from warp_neural.kernels.training.hopper128 import backward as wide_backward
-from warp_neural.kernels.training.hopper128 import forward as wide
-from warp_neural.kernels.training.hopper128.schedule import UpperPlan
-from warp_neural.kernels.training.mma import backward as cuda_backward
-from warp_neural.kernels.training.mma import finish as cuda_finish
-from warp_neural.kernels.training.mma import forward as cuda
-from warp_neural.kernels.training.mma.schedule import Plan
+from warp_neural.kernels.training.encoded_batch import encoded_type
+from warp_neural.kernels.training.hopper64 import backward as hopper64_backward
+from warp_neural.kernels.training.hopper64 import forward as hopper64
+from warp_neural.kernels.training.hopper64.schedule import Hopper64Schedule
+from warp_neural.kernels.training.hopper128 import backward as hopper128_backward
+from warp_neural.kernels.training.hopper128 import forward as hopper128
+from warp_neural.kernels.training.hopper128.schedule import Hopper128Schedule
+from warp_neural.kernels.training.mma import backward as mma_backward
+from warp_neural.kernels.training.mma import forward as mma
+from warp_neural.kernels.training.mma.finish import finish_text
+from warp_neural.kernels.training.mma.schedule import MmaSchedule
 from warp_neural.kernels.training.progress import Progress, batch_of
 from warp_neural.kernels.training.taped import data_type, make_draw
 
-FusedPlan = Plan | WarpgroupPlan | UpperPlan
+FusedSchedule = MmaSchedule | Hopper64Schedule | Hopper128Schedule
 
 
-class Parts(NamedTuple):
-    """The native functions that a fused kernel is made of, or their texts; see `cuda`, `cuda_backward`, and so on."""
+class Texts(NamedTuple):
+    """The native functions that a fused kernel is made of, or their texts; see the rooms."""
 
     begin: Any
     forward: Any
@@ -41,36 +41,37 @@ def cuda_only(text: str, otherwise: str = "") -> str:
     return f"#if defined(__CUDA_ARCH__)\n{text}\n#else\n{otherwise}\n#endif\n"
 
 
-def make_texts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient: bool) -> Parts:
-    if isinstance(plan, Plan):
-        return Parts(
-            cuda.begin(spec, plan),
-            cuda.forward(spec, plan),
-            cuda_backward.upper_layers(spec, plan),
+def make_texts(spec: NetworkSpec, schedule: FusedSchedule, x_type: type, input_gradient: bool) -> Texts:
+    if isinstance(schedule, MmaSchedule):
+        return Texts(
+            mma.begin_text(spec, schedule),
+            mma.forward_text(spec, schedule),
+            mma_backward.upper_layers_text(spec, schedule),
             "return sums;",
-            cuda_backward.first_layer(spec, plan, input_gradient),
-            cuda_backward.input_gradient(spec, plan, x_type),
-            cuda_finish.finish(plan),
+            mma_backward.first_layer_text(spec, schedule, input_gradient),
+            mma_backward.input_gradient_text(spec, schedule, x_type),
+            finish_text(schedule),
         )
-    forward, backward = (wide, wide_backward) if isinstance(plan, UpperPlan) else (warpgroup, warpgroup_backward)
-    return Parts(
-        warpgroup.begin(spec, plan),
-        forward.forward(spec, plan, x_type is wp.float16),
-        backward.upper_layers(spec, plan),
-        backward.begin_first_layer(spec, plan),
-        backward.first_layer(spec, plan, input_gradient),
-        warpgroup_backward.input_gradient(spec, plan, forward.enter(spec, plan), x_type),
-        backward.finish(plan),
+    on_128 = isinstance(schedule, Hopper128Schedule)
+    forward, backward = (hopper128, hopper128_backward) if on_128 else (hopper64, hopper64_backward)
+    return Texts(
+        hopper64.begin_text(spec, schedule),
+        forward.forward_text(spec, schedule, x_type is wp.float16),
+        backward.upper_layers_text(spec, schedule),
+        backward.begin_first_layer_text(spec, schedule),
+        backward.first_layer_text(spec, schedule, input_gradient),
+        hopper64_backward.input_gradient_text(spec, schedule, forward.enter(spec, schedule), x_type),
+        backward.finish_text(schedule),
     )
 
 
 @cache
-def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient: bool) -> Parts:
+def make_functions(spec: NetworkSpec, schedule: FusedSchedule, x_type: type, input_gradient: bool) -> Texts:
     """x_type: of the elements of the network's inputs and their gradients."""
     vec_in, vec_out = wp.types.vector(spec.sizes[0], x_type), wp.types.vector(spec.sizes[-1], wp.float32)
-    shared, sums = wp.tile(dtype=wp.uint32, shape=(plan.words,)), wp.types.vector(plan.sums, wp.float32)
+    shared, sums = wp.tile(dtype=wp.uint32, shape=(schedule.words,)), wp.types.vector(schedule.sums, wp.float32)
 
-    texts = make_texts(spec, plan, x_type, input_gradient)
+    texts = make_texts(spec, schedule, x_type, input_gradient)
 
     @wp.func_native(cuda_only(texts.begin))
     def begin(params: Parameters, memory: shared): ...
@@ -93,7 +94,7 @@ def make_parts(spec: NetworkSpec, plan: FusedPlan, x_type: type, input_gradient:
     def dx(memory: shared) -> vec_in: ...
 
     finish = make_finish(texts.finish, shared, sums)
-    return Parts(begin, forward, upper_layers, begin_first_layer, first_layer, dx, finish)
+    return Texts(begin, forward, upper_layers, begin_first_layer, first_layer, dx, finish)
 
 
 def make_finish(text: str, shared: Any, sums: type) -> wp.Function:
@@ -114,14 +115,14 @@ def make_finish(text: str, shared: Any, sums: type) -> wp.Function:
 
 
 @cache
-def make_input(encode: wp.Function | None, vec_in: type, by_rows: bool) -> wp.Function:
-    """`(params, x, rows, i) -> the network's input`: x, encoded if it is to be, or row i."""
+def make_input(encode: wp.Function | None, vec_in: type, from_encoded: bool) -> wp.Function:
+    """`(params, x, encoded, i) -> the network's input`: x, encoded if it is to be, or row i."""
     load = make_load(vec_in._length_, vec_in._wp_scalar_type_)
 
     @wp.func
-    def input(params: Parameters, x: Any, rows: wp.array2d(dtype=Any), i: int):
-        if wp.static(by_rows):
-            return load(rows, i)
+    def input(params: Parameters, x: Any, encoded: wp.array2d(dtype=Any), i: int):
+        if wp.static(from_encoded):
+            return load(encoded, i)
         elif wp.static(encode is not None):
             return encode(params, x)
         else:
@@ -152,41 +153,41 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
     return results
 
 
-def samples_of(plan: FusedPlan) -> int:
+def samples_of(schedule: FusedSchedule) -> int:
     """Of a block in a round."""
-    return plan.threads // 32 * plan.lanes
+    return schedule.threads // 32 * schedule.lanes
 
 
 @cache
 def make_gradient_kernel(
-    spec: NetworkSpec, plan: FusedPlan, sample: wp.Function, loss: Loss, encode=None, by_rows: bool = False
+    spec: NetworkSpec, schedule: FusedSchedule, sample: wp.Function, loss: Loss, encode=None, from_encoded: bool = False
 ) -> wp.Kernel:
-    """The fused kernel for CUDA: dim blocks * plan.threads, block_dim plan.threads.
+    """The fused kernel for CUDA: dim blocks * schedule.threads, block_dim schedule.threads.
 
     sample: `(index, random state, data) -> (x, target)`, or without data. Arguments: params; data; progress; micro,
-    which of the batches of a step (from 1 on, gradients add to what is there); partial [blocks, plan.slice], every
-    block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
+    which of the batches of a step (from 1 on, gradients add to what is there); partial [blocks, schedule.block_sums],
+    every block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
 
-    encode: an encoding without parameters. by_rows: x is row i of `rows` instead, which then holds its gradient. kept:
-    what `make_lower_kernel` needs (`kept_units`).
+    encode: an encoding without parameters. from_encoded: x is row i of `encoded`, which then holds its gradient.
+    kept: what `make_lower_kernel` needs (`kept_units`).
     """
-    draw, data, rows_of = make_draw(sample), data_type(sample), row_type(spec.format)
-    vec_in = wp.types.vector(spec.sizes[0], rows_of if by_rows else wp.float32 if encode else spec.dtype)
-    writes_rows, lanes = by_rows and plan.reaches_input, plan.lanes
-    parts = make_parts(spec, plan, vec_in._wp_scalar_type_, writes_rows)
-    sums_type = wp.types.vector(plan.sums, wp.float32)
-    begin, forward, upper_layers, begin_first_layer, first_layer, input_gradient, finish = parts
-    input, results = make_input(encode, vec_in, by_rows), make_results(spec, loss)
-    words, per_round, store = plan.words, samples_of(plan), make_store(spec.sizes[0], rows_of)
+    draw, data, encoded_of = make_draw(sample), data_type(sample), encoded_type(spec.format)
+    vec_in = wp.types.vector(spec.sizes[0], encoded_of if from_encoded else wp.float32 if encode else spec.dtype)
+    writes_encoded, lanes = from_encoded and schedule.reaches_input, schedule.lanes
+    functions = make_functions(spec, schedule, vec_in._wp_scalar_type_, writes_encoded)
+    sums_type = wp.types.vector(schedule.sums, wp.float32)
+    begin, forward, upper_layers, begin_first_layer, first_layer, input_gradient, finish = functions
+    input, results = make_input(encode, vec_in, from_encoded), make_results(spec, loss)
+    words, per_round, store = schedule.words, samples_of(schedule), make_store(spec.sizes[0], encoded_of)
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=plan.threads)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=schedule.threads)
     def gradient_kernel(
         params: Parameters,
         data: data,
         progress: Progress,
         micro: int,
         partial: wp.array2d[float],
-        rows: wp.array2d[rows_of],
+        encoded: wp.array2d[encoded_of],
         kept: wp.array[wp.vec4ui],
     ):
         thread = wp.tid()
@@ -205,7 +206,7 @@ def make_gradient_kernel(
         for start in range(0, batch, stride):
             i = start + first
             inside = i < batch and lane < wp.static(lanes)
-            z = forward(params, memory, input(params, x, rows, wp.min(i, batch - 1)), kept, start)
+            z = forward(params, memory, input(params, x, encoded, wp.min(i, batch - 1)), kept, start)
             value, dy = results(z, target, inside, scale)
             total += value
             sums = upper_layers(memory, sums, z, dy, kept, start)
@@ -213,10 +214,10 @@ def make_gradient_kernel(
             # the next sample, early: reading it may take as long as the first layer
             next_x, next_target = draw(progress, step, micro * batch + wp.min(i + stride, batch - 1), data)
             sums = first_layer(memory, sums)
-            if wp.static(writes_rows):
+            if wp.static(writes_encoded):
                 dx = input_gradient(memory)  # whole warps
                 if inside:
-                    store(rows, i, dx)
+                    store(encoded, i, dx)
             x = next_x
             target = next_target
         if thread == 0:

@@ -6,21 +6,21 @@ import warp as wp
 
 from warp_neural.kernels.coopvec.formats import make_encode
 from warp_neural.kernels.nn.spec import NetworkSpec
-from warp_neural.kernels.training.mma.schedule import Plan
+from warp_neural.kernels.training.mma.schedule import MmaSchedule
 from warp_neural.kernels.training.progress import Progress, batch_of, rate_of
 
 COLUMNS = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
 
 
-def adders(plan: Plan) -> int:
+def adders(schedule: MmaSchedule) -> int:
     """Warps of a block that add up slices: warp w those of blocks w, w + adders, ... More are faster as long as all
     fit at once."""
-    return 16 if plan.floats < 128 * COLUMNS else 8
+    return 16 if schedule.floats < 128 * COLUMNS else 8
 
 
-def update_block(plan: Plan) -> int:
+def update_block(schedule: MmaSchedule) -> int:
     """Threads of a block: a warp that updates, and `adders`."""
-    return COLUMNS * (1 + adders(plan))
+    return COLUMNS * (1 + adders(schedule))
 
 
 def sum_text(adders: int) -> str:
@@ -143,14 +143,14 @@ def advance(progress: Progress, dynamic: bool):
 
 
 @cache
-def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, plan: Plan) -> wp.Kernel:
-    """After `make_gradient_kernel`: dim ceil((plan.floats + 1) / COLUMNS) * update_block(plan).
+def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, schedule: MmaSchedule) -> wp.Kernel:
+    """After `make_gradient_kernel`: dim ceil((schedule.floats + 1) / COLUMNS) * update_block(schedule).
 
     order: which parameter each column of `partial` is (-1: padding). target: where the parameter lies in `packed`, in
     16-bit elements; ~word for a float32 bias.
     """
-    encode, floats, block = make_encode(spec.format), wp.constant(plan.floats), update_block(plan)
-    sum_of_column = make_sum_of_column(adders(plan))
+    encode, floats, block = make_encode(spec.format), wp.constant(schedule.floats), update_block(schedule)
+    sum_of_column = make_sum_of_column(adders(schedule))
 
     @wp.kernel(module="unique", enable_backward=False)
     def update_kernel(

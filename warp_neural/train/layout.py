@@ -4,18 +4,18 @@ import numpy as np
 
 from warp_neural.kernels.coopvec.layout import bias_is_half, network_layout
 from warp_neural.kernels.nn.spec import NetworkSpec
-from warp_neural.kernels.training.fused import FusedPlan
-from warp_neural.kernels.training.hopper64.schedule import WarpgroupLayer
-from warp_neural.kernels.training.hopper128.schedule import WideLayer
-from warp_neural.kernels.training.mma.schedule import LayerPlan, Plan
+from warp_neural.kernels.training.fused import FusedSchedule
+from warp_neural.kernels.training.hopper64.schedule import Hopper64Layer
+from warp_neural.kernels.training.hopper128.schedule import Hopper128Layer
+from warp_neural.kernels.training.mma.schedule import MmaLayer, MmaSchedule
 
 
-def fragment_order(plan: FusedPlan) -> np.ndarray:
-    """Of each float of a block's gradient, the index of its parameter in `MLP.master`; -1 for padding. [plan.floats]"""
-    order = np.full(plan.floats, -1, np.int32)
-    for layer in plan.layers:
+def fragment_order(schedule: FusedSchedule) -> np.ndarray:
+    """Of each float of a block's gradient, the index of its parameter in `MLP.master`, -1 for padding. [floats]"""
+    order = np.full(schedule.floats, -1, np.int32)
+    for layer in schedule.layers:
         layout = layer.layout
-        n, k = accumulators(layer) if isinstance(plan, Plan) else warpgroup_accumulators(layer)
+        n, k = accumulators(layer) if isinstance(schedule, MmaSchedule) else hopper_accumulators(layer)
         index = np.where((n < layout.n) & (k < layout.k), layout.master + n * layout.k + k, -1)
         order[layer.first : layer.bias_first] = index
         biases = layout.master + layout.n * layout.k + np.arange(layout.n)
@@ -23,7 +23,7 @@ def fragment_order(plan: FusedPlan) -> np.ndarray:
     return order
 
 
-def accumulators(layer: LayerPlan) -> tuple[np.ndarray, np.ndarray]:
+def accumulators(layer: MmaLayer) -> tuple[np.ndarray, np.ndarray]:
     """Neuron n and input k of each float of a layer's weights."""
     i = np.arange(layer.bias_first - layer.first)
     # of m16n8: lane 4 (n % 8) + k % 8 / 2 holds rows n, n + 8 and columns k, k + 1
@@ -33,8 +33,8 @@ def accumulators(layer: LayerPlan) -> tuple[np.ndarray, np.ndarray]:
     return n, k
 
 
-def warpgroup_accumulators(layer: WarpgroupLayer | WideLayer) -> tuple[np.ndarray, np.ndarray]:
-    """The same of a plan for warpgroups."""
+def hopper_accumulators(layer: Hopper64Layer | Hopper128Layer) -> tuple[np.ndarray, np.ndarray]:
+    """The same of a schedule for warpgroups."""
     i = np.arange(layer.bias_first - layer.first)
     # of m64nN: warp w, lane 4 g + t hold rows 16 w + g, 8 more, and columns 8 j + 2 t, 1 more
     part, register = np.divmod(i // 128, layer.registers)

@@ -12,20 +12,20 @@ from warp_neural.kernels.nn.encodings.base import Leaf
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import Parameters
 from warp_neural.kernels.training.encoded_batch import (
-    CROWD_TILE,
+    SHARED_SUMS_TILE,
     TILE,
-    make_adjoint_row,
-    make_crowd_kernel,
-    make_encode_row,
-    make_rows_kernel,
-    row_type,
+    encoded_type,
+    make_adjoint_sample,
+    make_encode_sample,
+    make_encoded_kernel,
+    make_shared_sums_kernel,
     threads_of,
 )
-from warp_neural.kernels.training.fused import FusedPlan, make_gradient_kernel, samples_of
-from warp_neural.kernels.training.hopper64.schedule import make_warpgroup_plan
+from warp_neural.kernels.training.fused import FusedSchedule, make_gradient_kernel, samples_of
+from warp_neural.kernels.training.hopper64 import schedule as hopper64
+from warp_neural.kernels.training.hopper128 import schedule as hopper128
 from warp_neural.kernels.training.hopper128.lower_step import kept_units, make_lower_kernel
-from warp_neural.kernels.training.hopper128.schedule import make_wide_plan
-from warp_neural.kernels.training.mma.schedule import Plan, make_plan
+from warp_neural.kernels.training.mma.schedule import MmaSchedule, make_schedule
 from warp_neural.kernels.training.progress import Progress
 from warp_neural.kernels.training.taped import collect_kernel, make_loss_kernel, make_sample_kernel
 from warp_neural.kernels.training.taped_update import GROUP, make_update_kernel
@@ -63,7 +63,7 @@ class Steps:
         return self.net.gradient.numpy().copy()
 
 
-class General(Steps):
+class Taped(Steps):
     """For every network and device: samples to memory, the loss of each through `net.func`, and its adjoint."""
 
     def __init__(
@@ -91,21 +91,21 @@ class General(Steps):
         )
 
 
-def plan_of(net: MLP) -> FusedPlan | None:
+def schedule_of(net: MLP) -> FusedSchedule | None:
     """How blocks of the network's CUDA device train it in one kernel; None if they cannot."""
     spec, device = net.spec, net.device
     if device.arch < spec.format.min_arch:
         return None
-    hopper = make_warpgroup_plan(spec) or make_wide_plan(spec) if device.arch == 90 else None
-    return hopper or make_plan(spec, device.max_shared_memory_per_block)
+    hopper = hopper64.make_schedule(spec) or hopper128.make_schedule(spec) if device.arch == 90 else None
+    return hopper or make_schedule(spec, device.max_shared_memory_per_block)
 
 
-def load_for(kernel: wp.Kernel, plan: FusedPlan, device: wp.Device) -> None:
+def load_for(kernel: wp.Kernel, schedule: FusedSchedule, device: wp.Device) -> None:
     """Compile and load the fused kernel. `wgmma` only exists in code for exactly one architecture, sm_90a."""
     before = wp.config.cuda_arch_suffix
-    wp.config.cuda_arch_suffix = before if isinstance(plan, Plan) else "a"
+    wp.config.cuda_arch_suffix = before if isinstance(schedule, MmaSchedule) else "a"
     try:
-        wp.load_module(kernel.module, device, block_dim=plan.threads)
+        wp.load_module(kernel.module, device, block_dim=schedule.threads)
     finally:
         wp.config.cuda_arch_suffix = before
 
@@ -115,35 +115,41 @@ def launch(kernel: wp.Kernel, dim: int, inputs: list, block_dim: int, device: wp
 
 
 class LeafSteps:
-    """The launches between the inputs and the results of one leaf of an encoding, which lie in `rows`. aside: another
-    stream for what can run beside the rest."""
+    """The launches between the inputs and the results of one leaf of an encoding, which lie in `encoded`. aside:
+    another stream for what can run beside the rest."""
 
-    def __init__(self, leaf: Leaf, net: MLP, sample: wp.Function, rows: wp.array, aside: wp.Stream):
-        n_in, shares, item = len(leaf.inputs), leaf.encoding.shares, rows.strides[1]
-        n, format, self.device = leaf.encoding.n_out(n_in) // shares, net.spec.format, rows.device
+    def __init__(self, leaf: Leaf, net: MLP, sample: wp.Function, encoded: wp.array, aside: wp.Stream):
+        n_in, parts, item = len(leaf.inputs), leaf.encoding.n_parts, encoded.strides[1]
+        n, format, self.device = leaf.encoding.n_out(n_in) // parts, net.spec.format, encoded.device
         which = leaf, net.vec_in, net.encoding_start + leaf.parameter, format
-        shape, strides = (rows.shape[0], shares, n), (rows.strides[0], n * item, item)
-        first = rows.ptr + leaf.result * item
-        self.rows = wp.array(ptr=first, shape=shape, strides=strides, dtype=rows.dtype, device=rows.device)
-        self.threads, self.aside = threads_of(leaf, rows.shape[0]), aside
-        self.trains, self.crowded = leaf.encoding.n_parameters(n_in) > 0, leaf.encoding.crowded(n_in) > 0
-        self.encode_kernel = make_rows_kernel(sample, make_encode_row(*which), leaf, format)
+        shape, strides = (encoded.shape[0], parts, n), (encoded.strides[0], n * item, item)
+        first = encoded.ptr + leaf.result * item
+        self.encoded = wp.array(ptr=first, shape=shape, strides=strides, dtype=encoded.dtype, device=encoded.device)
+        self.threads, self.aside = threads_of(leaf, encoded.shape[0]), aside
+        self.trains, self.shared_sums = leaf.encoding.n_parameters(n_in) > 0, leaf.encoding.shared_sums(n_in) > 0
+        self.encode_kernel = make_encoded_kernel(sample, make_encode_sample(*which), leaf, format)
         if self.trains:
-            self.adjoint_kernel = make_rows_kernel(sample, make_adjoint_row(*which), leaf, format)
-        if self.crowded:
-            self.crowd_kernel = make_crowd_kernel(sample, *which)
+            self.adjoint_kernel = make_encoded_kernel(sample, make_adjoint_sample(*which), leaf, format)
+        if self.shared_sums:
+            self.shared_sums_kernel = make_shared_sums_kernel(sample, *which)
 
     def encode(self, inputs: list) -> None:
-        launch(self.encode_kernel, self.threads, [*inputs, self.rows], TILE, self.device)
+        launch(self.encode_kernel, self.threads, [*inputs, self.encoded], TILE, self.device)
 
     def adjoint(self, inputs: list) -> None:
-        if self.crowded:  # side by side: one is held up by shared memory, the other by L2
-            blocks = min(self.device.sm_count, -(-self.rows.shape[0] // CROWD_TILE))
+        if self.shared_sums:  # side by side: one is held up by shared memory, the other by L2
+            blocks = min(self.device.sm_count, -(-self.encoded.shape[0] // SHARED_SUMS_TILE))
             with wp.ScopedStream(self.aside):
-                launch(self.crowd_kernel, blocks * CROWD_TILE, [*inputs, blocks, self.rows], CROWD_TILE, self.device)
+                launch(
+                    self.shared_sums_kernel,
+                    blocks * SHARED_SUMS_TILE,
+                    [*inputs, blocks, self.encoded],
+                    SHARED_SUMS_TILE,
+                    self.device,
+                )
         if self.trains:
-            launch(self.adjoint_kernel, self.threads, [*inputs, self.rows], TILE, self.device)
-        if self.crowded:
+            launch(self.adjoint_kernel, self.threads, [*inputs, self.encoded], TILE, self.device)
+        if self.shared_sums:
             self.device.stream.wait_stream(self.aside)
 
 
@@ -158,38 +164,38 @@ class FusedCuda(Steps):
     ):
         super().__init__(net, optimizer, progress, options, data)
         device = net.device
-        self.plan = plan = plan_of(net)
-        self.by_rows = net.encoding is not None and net.encoding.n_parameters(net.n_in) > 0
-        encode = net.encode if net.encoding and not self.by_rows else None
-        self.kernel = make_gradient_kernel(net.spec, plan, sample, loss, encode, self.by_rows)
-        load_for(self.kernel, plan, device)
-        shape, format = (batch if self.by_rows else 0, net.spec.sizes[0]), net.spec.format
-        self.rows = wp.zeros(shape, dtype=row_type(format), device=device)
+        self.schedule = schedule = schedule_of(net)
+        self.from_encoded = net.encoding is not None and net.encoding.n_parameters(net.n_in) > 0
+        encode = net.encode if net.encoding and not self.from_encoded else None
+        self.kernel = make_gradient_kernel(net.spec, schedule, sample, loss, encode, self.from_encoded)
+        load_for(self.kernel, schedule, device)
+        shape, format = (batch if self.from_encoded else 0, net.spec.sizes[0]), net.spec.format
+        self.encoded = wp.zeros(shape, dtype=encoded_type(format), device=device)
         self.leaves = []
-        if self.by_rows:
+        if self.from_encoded:
             self.aside = wp.Stream(device)
             self.leaves = [
-                LeafSteps(leaf, net, sample, self.rows, self.aside) for leaf in net.encoding.leaves(net.n_in)
+                LeafSteps(leaf, net, sample, self.encoded, self.aside) for leaf in net.encoding.leaves(net.n_in)
             ]
-        self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, plan)
-        blocks = min(device.sm_count, -(-batch // samples_of(plan)))  # one on each multiprocessor
+        self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, schedule)
+        blocks = min(device.sm_count, -(-batch // samples_of(schedule)))  # one on each multiprocessor
         kept = 0
-        if plan.lower:
-            self.lower_kernel = make_lower_kernel(net.spec, plan.lower, self.by_rows)
-            load_for(self.lower_kernel, plan, device)
-            kept = kept_units(plan.lower, blocks, batch)
+        if schedule.lower:
+            self.lower_kernel = make_lower_kernel(net.spec, schedule.lower, self.from_encoded)
+            load_for(self.lower_kernel, schedule, device)
+            kept = kept_units(schedule.lower, blocks, batch)
         self.kept = wp.empty(kept, dtype=wp.vec4ui, device=device)
-        self.partial = wp.zeros((blocks, plan.slice), dtype=float, device=device)
-        self.order = wp.array(fragment_order(plan), dtype=int, device=device)
+        self.partial = wp.zeros((blocks, schedule.block_sums), dtype=float, device=device)
+        self.order = wp.array(fragment_order(schedule), dtype=int, device=device)
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
 
     def gradient(self, micro: int) -> None:
         inputs = [self.net.params, self.data, self.progress, micro]
         for leaf in self.leaves:
             leaf.encode(inputs)
-        threads, arrays = self.plan.threads, [self.partial, self.rows, self.kept]
+        threads, arrays = self.schedule.threads, [self.partial, self.encoded, self.kept]
         launch(self.kernel, self.partial.shape[0] * threads, [*inputs, *arrays], threads, self.net.device)
-        if self.plan.lower:
+        if self.schedule.lower:
             lower = [self.net.params, self.progress, micro, *arrays]
             launch(self.lower_kernel, self.partial.shape[0] * threads, lower, threads, self.net.device)
         for leaf in self.leaves:
@@ -197,18 +203,18 @@ class FusedCuda(Steps):
 
     def update(self) -> None:
         net = self.net
-        if self.by_rows:
+        if self.from_encoded:
             with wp.ScopedStream(self.aside):
                 self.update_from(net.encoding_start, last=False)
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
-        block = update_block(self.plan)
-        dim = -(-(self.plan.floats + 1) // COLUMNS) * block
+        block = update_block(self.schedule)
+        dim = -(-(self.schedule.floats + 1) // COLUMNS) * block
         launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block, self.net.device)
-        if self.by_rows:
+        if self.from_encoded:
             net.device.stream.wait_stream(self.aside)
 
     def gathered(self) -> np.ndarray:
         gradient = super().gathered()  # of the encoding
-        order, total = self.order.numpy(), self.partial.numpy().sum(0, dtype=np.float64)[: self.plan.floats]
+        order, total = self.order.numpy(), self.partial.numpy().sum(0, dtype=np.float64)[: self.schedule.floats]
         gradient[order[order >= 0]] = total[order >= 0]
         return gradient

@@ -19,7 +19,7 @@ from warp_neural.nn.mlp import MLP
 from warp_neural.train.checkpoint import load_checkpoint, save_checkpoint
 from warp_neural.train.cpu_steps import FusedCpu
 from warp_neural.train.optim import SGD, Adam
-from warp_neural.train.steps import FusedCuda, General, plan_of
+from warp_neural.train.steps import FusedCuda, Taped, schedule_of
 
 HISTORY = 1 << 14  # steps whose loss is kept on the device
 SAVE_SECONDS = 30  # between checkpoints
@@ -31,7 +31,7 @@ def fused_steps(net: MLP) -> type[FusedCuda | FusedCpu] | None:
     if net.implementation != "cooperative":
         return None
     if net.device.is_cuda:
-        return FusedCuda if plan_of(net) else None
+        return FusedCuda if schedule_of(net) else None
     return None if net.spec.format is INT8 else FusedCpu
 
 
@@ -83,8 +83,8 @@ class Trainer:
         in_one = fused_steps(net)
         if fused and in_one is None:
             raise InputError("fused=True: not for this network on this device (see Trainer); leave it out")
-        kind = General if fused is False or in_one is None else in_one
-        self.net, self.device, self.fused = net, net.device, kind is not General
+        kind = Taped if fused is False or in_one is None else in_one
+        self.net, self.device, self.fused = net, net.device, kind is not Taped
         self.optimizer = optimizer or Adam()
         self.optimizer.bind(net.master)
         self.sizes, self.batches, self.seed, self.index = sizes, batches, seed, 0

@@ -2,9 +2,9 @@
 
 The C++ text of an encoding sees these names, each a pointer to floats: `in` [n_in], `out` [n_out] and `p`, its
 trainable parameters; the adjoint's text also `d_out`, `d_in`, to which it adds, and `grad`, of the parameters, or null.
-Constants say what is to be done, `WHOLE` everything: share `share` of `shares` of the results, which `out` or `d_out`
+Constants say what is to be done, `WHOLE` everything: part `part` of `parts` of the results, which `out` or `d_out`
 holds alone, thread `lane` of the `lanes` that do it together (what they set or add is summed); and in the adjoint, if
-`crowded`, parameters that are (see `Encoding.crowded`), and if `others`, the others.
+`shared_sums`, parameters that are summed so (see `Encoding.shared_sums`), and if `direct_sums`, the others.
 """
 
 from abc import ABC, abstractmethod
@@ -24,7 +24,8 @@ UNROLL = """
 #endif
 """
 
-WHOLE = "constexpr int share = 0, shares = 1, lane = 0, lanes = 1;\nconstexpr bool crowded = true, others = true;\n"
+WHOLE = "constexpr int part = 0, parts = 1, lane = 0, lanes = 1;\n"
+WHOLE += "constexpr bool shared_sums = true, direct_sums = true;\n"
 
 # `add(place, value)`, `add2`, `add4`: to the gradient, at an address aligned to as many floats
 ADD = """
@@ -75,17 +76,19 @@ class Encoding(ABC):
         return True
 
     @property
-    def shares(self) -> int:
-        """Of the results, equal and one after the other, for threads of their own in a CUDA kernel of many samples."""
+    def n_parts(self) -> int:
+        """Into how many parts of equal size the results are cut, for threads of their own in a CUDA kernel of many
+        samples."""
         return 1
 
     @property
     def lanes(self) -> int:
-        """Threads that take a share together there: 1, 2, 4, ... of a warp, side by side."""
+        """Threads that take a part together there: 1, 2, 4, ... of a warp, side by side."""
         return 1
 
-    def crowded(self, n_in: int) -> int:
-        """How many parameters, the first ones, so many samples share that their gradients would queue in memory."""
+    def shared_sums(self, n_in: int) -> int:
+        """How many parameters, the first ones, have their gradients summed in a block's shared memory first: so many
+        samples meet there that they would queue in memory."""
         return 0
 
     def leaves(self, n_in: int) -> list["Leaf"]:
@@ -119,11 +122,11 @@ class Encoding(ABC):
         return make_encode_adjoint(self, n_in, offset, self.n_parameters(n_in) if stride is None else stride)
 
     @abstractmethod
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         """C++ that sets every `out`; `p` is aligned to `aligned` floats, 1, 2 or 4."""
 
     @abstractmethod
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         """C++ that adds to `d_in` and, unless it is null, to `grad`."""
 
 
@@ -141,14 +144,14 @@ def make_encode(encoding: Encoding, n_in: int, offset: int, stride: int) -> wp.F
     """`Encoding.make`."""
     n_out, aligned = encoding.n_out(n_in), gcd(offset, stride, 4)
     vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(n_out, float)
-    forward = f"wp::vec_t<{n_out}, real> y;\nreal* const out = y.c;\n{encoding.forward(n_in, aligned)}return y;\n"
+    forward = f"wp::vec_t<{n_out}, real> y;\nreal* const out = y.c;\n{encoding.encode_text(n_in, aligned)}return y;\n"
     pointers = "const real* const d_out = adj_ret.c;\nreal* const d_in = adj_x.c;\n"
 
     begin = WHOLE + enter(range(n_in), offset, stride)
 
     @wp.func_native(
         begin + forward,
-        adj_snippet=begin + ENTER_ADJOINT + pointers + encoding.adjoint(n_in, aligned),
+        adj_snippet=begin + ENTER_ADJOINT + pointers + encoding.adjoint_text(n_in, aligned),
     )
     def encode(params: Parameters, x: vec_in) -> vec_out: ...
 
@@ -164,7 +167,7 @@ def make_encode_adjoint(encoding: Encoding, n_in: int, offset: int, stride: int)
 
     begin = WHOLE + enter(range(n_in), offset, stride) + ENTER_ADJOINT + pointers
 
-    @wp.func_native(begin + encoding.adjoint(n_in, gcd(offset, stride, 4)))
+    @wp.func_native(begin + encoding.adjoint_text(n_in, gcd(offset, stride, 4)))
     def encode_adjoint(params: Parameters, x: vec_in, dy: vec_out): ...
 
     return encode_adjoint

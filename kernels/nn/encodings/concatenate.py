@@ -56,15 +56,15 @@ class Concatenate(Encoding):
             first, start = first + part.n_out(n), start + part.n_parameters(n)
         return leaves
 
-    def forward(self, n_in: int, aligned: int) -> str:
-        return self.for_each_part(n_in, aligned, "forward", {"out": "out + {first}"})
+    def encode_text(self, n_in: int, aligned: int) -> str:
+        return self.for_each_part(n_in, aligned, "encode_text", {"out": "out + {first}"})
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         own = {"d_in": "part_d_in", "d_out": "d_out + {first}", "grad": "grad ? grad + {start} : nullptr"}
-        return self.for_each_part(n_in, aligned, "adjoint", own)
+        return self.for_each_part(n_in, aligned, "adjoint_text", own)
 
     def for_each_part(self, n_in: int, aligned: int, method: str, own: dict[str, str]) -> str:
-        """The parts' texts, each in a scope where the names of `base` mean the part's own share."""
+        """The parts' texts, each in a scope where the names of `base` mean the part's own."""
         own = {"in": "part_in", "p": "p + {start}", **own}
         text, first, start = "", 0, 0
         for part, indices in self.reads(n_in):
@@ -77,7 +77,7 @@ real part_d_in[{n}] = {{}};
 {"".join(f"auto* const {name} = own_{name};" for name in own)}
 {getattr(part, method)(n, gcd(aligned, start))}}}
 """
-            if method == "adjoint":
+            if method == "adjoint_text":
                 text += "".join(f"d_in[{i}] += part_d_in[{k}];\n" for k, i in enumerate(indices))
             text += "}\n"
             first, start = first + part.n_out(n), start + part.n_parameters(n)

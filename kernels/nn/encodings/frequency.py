@@ -17,10 +17,10 @@ class Identity(Encoding):
     def n_out(self, n_in: int) -> int:
         return n_in
 
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         return f"for (int i = 0; i < {n_in}; ++i) out[i] = in[i];\n"
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         return f"for (int i = 0; i < {n_in}; ++i) d_in[i] += d_out[i];\n"
 
 
@@ -42,10 +42,10 @@ class TriangleWave(Encoding):
     def n_out(self, n_in: int) -> int:
         return self.octaves * n_in
 
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         return self.for_each(n_in, "out[at] = 4.0f * wp::abs(t) - 1.0f;")
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         return self.for_each(n_in, "d_in[i] += d_out[at] * (t < 0.0f ? -4.0f : 4.0f) * f;")
 
     def for_each(self, n_in: int, use: str) -> str:
@@ -87,14 +87,14 @@ class Frequency(Encoding):
         """In half turns a unit."""
         return [self.lowest * 2**k for k in range(self.octaves)]
 
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         return self.for_each(
             n_in,
             "__builtin_memcpy(out + 2 * first, &pairs, 8 * count);",
             "out[2 * i] = sine; out[2 * i + 1] = cosine;",
         )
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         return self.for_each(
             n_in,
             f"""#pragma unroll

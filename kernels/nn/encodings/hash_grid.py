@@ -7,8 +7,8 @@ from typing import NamedTuple
 from warp_neural.kernels.nn.encodings.base import UNROLL, Encoding, add_entry, numbers, read_entry, require_positive
 from warp_neural.kernels.nn.spec import round_up
 
-CROWDED = 1 << 12, 46 << 10  # entries of a table at most, and bytes of all such tables: what shared memory holds
-RESULTS = 8  # of a share, if possible: 16 bytes of float16
+SHARED_SUMS = 1 << 12, 46 << 10  # entries of a table at most, and bytes of all such tables: what shared memory holds
+RESULTS = 8  # of a part, if possible: 16 bytes of float16
 PRIMES = (1, 2654435761, 805459861, 3674653429)
 
 
@@ -48,7 +48,7 @@ class HashGrid(Encoding):
         return self.levels * self.features
 
     @property
-    def shares(self) -> int:
+    def n_parts(self) -> int:
         n_out = self.levels * self.features
         return n_out // RESULTS if RESULTS % self.features == 0 and n_out % RESULTS == 0 else 1
 
@@ -56,11 +56,11 @@ class HashGrid(Encoding):
     def lanes(self) -> int:
         return 2  # one for each end of the cell along x: they often read one sector
 
-    def crowded(self, n_in: int) -> int:
-        return sum(table.size * self.features for table in self.tables(n_in)[: self.crowded_levels(n_in)])
+    def shared_sums(self, n_in: int) -> int:
+        return sum(table.size * self.features for table in self.tables(n_in)[: self.shared_levels(n_in)])
 
-    def crowded_levels(self, n_in: int) -> int:
-        entries, bytes = CROWDED
+    def shared_levels(self, n_in: int) -> int:
+        entries, bytes = SHARED_SUMS
         tables = self.tables(n_in)
         ends = [table.start + table.size * self.features for table in tables if table.size <= entries]
         return sum(4 * end <= bytes for end in ends)
@@ -82,7 +82,7 @@ class HashGrid(Encoding):
             start += size * self.features
         return tables
 
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         values = f"out[(l - first) * {self.features} + c]"
         return self.for_each_level(
             n_in,
@@ -93,26 +93,26 @@ class HashGrid(Encoding):
 for (int c = 0; c < {self.features}; ++c) {values} += weight * v[c];""",
         )
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
-        crowd = self.crowded_levels(n_in)
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
+        shared = self.shared_levels(n_in)
         return self.for_each_level(
             n_in,
-            f"wp::max(first, crowded ? 0 : {crowd})",
-            f"wp::min(end, others ? {self.levels} : {crowd})",
+            f"wp::max(first, shared_sums ? 0 : {shared})",
+            f"wp::min(end, direct_sums ? {self.levels} : {shared})",
             f"const real* const d = d_out + (l - first) * {self.features};",
             f"""{read_entry(self.features, aligned, "p + at")}
 real dot = 0.0f;
 for (int c = 0; c < {self.features}; ++c) dot += d[c] * v[c];
 for (int a = 0; a < {n_in}; ++a) {{
     real slope = corner >> a & 1 ? scale[l] : -scale[l];
-    for (int b = 0; b < {n_in}; ++b) if (b != a) slope *= corner >> b & 1 ? share[b] : 1.0f - share[b];
+    for (int b = 0; b < {n_in}; ++b) if (b != a) slope *= corner >> b & 1 ? offset[b] : 1.0f - offset[b];
     d_in[a] += slope * dot;
 }}
 if (grad) {{ {add_entry(self.features, aligned, "grad + at", "weight", "d")} }}""",
         )
 
     def for_each_level(self, n_in: int, low: str, high: str, begin: str, use: str) -> str:
-        """`begin` for each level l of the share, from low to high, then `use` for each corner of the cell there.
+        """`begin` for each level l of the part, from low to high, then `use` for each corner of the cell there.
 
         Its weight is `weight`, its entry starts at `at`.
         """
@@ -123,14 +123,14 @@ const wp::uint32 factor[{len(factors)}] = {{{", ".join(factors)}}};
 const wp::uint32 size[{self.levels}] = {{{", ".join(f"{table.size}u" for table in tables)}}};
 const wp::int64 start_of[{self.levels}] = {{{", ".join(str(table.start) for table in tables)}}};
 const bool hashed[{self.levels}] = {{{", ".join(str(table.hashed).lower() for table in tables)}}};
-constexpr int first = {self.levels} * share / shares, end = {self.levels} * (share + 1) / shares;{UNROLL}
+constexpr int first = {self.levels} * part / parts, end = {self.levels} * (part + 1) / parts;{UNROLL}
 for (int l = {low}; l < {high}; ++l) {{
-real share[{n_in}];
+real offset[{n_in}];  // in the cell, 0 to 1
 wp::uint32 vertex[{n_in}];
 for (int a = 0; a < {n_in}; ++a) {{
     const real position = in[a] * scale[l] + 0.5f, whole = wp::floor(position);
     vertex[a] = static_cast<wp::uint32>(static_cast<wp::int32>(whole));
-    share[a] = position - whole;
+    offset[a] = position - whole;
 }}
 {begin}{UNROLL}
 for (int k = 0; k < {2**n_in} / lanes; ++k) {{
@@ -139,7 +139,7 @@ real weight = 1.0f;
 wp::uint32 index = 0u;
 for (int a = 0; a < {n_in}; ++a) {{
     const wp::uint32 bit = corner >> a & 1, term = (vertex[a] + bit) * factor[l * {n_in} + a];
-    weight *= bit ? share[a] : 1.0f - share[a];
+    weight *= bit ? offset[a] : 1.0f - offset[a];
     index = hashed[l] ? index ^ term : index + term;
 }}
 index = hashed[l] ? index & (size[l] - 1u) : index < size[l] ? index : index % size[l];

@@ -39,11 +39,11 @@ class LatentTexture(Encoding):
     def n_parameters(self, n_in: int) -> int:
         return self.width * self.height * self.channels
 
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         return f"""for (int c = 0; c < {self.channels}; ++c) out[c] = 0.0f;
 {self.for_each_corner(aligned, f"for (int c = 0; c < {self.channels}; ++c) out[c] += wx * wy * v[c];")}"""
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         corner = f"""real dot = 0.0f;
 for (int c = 0; c < {self.channels}; ++c) dot += d_out[c] * v[c];
 d_in[0] += (i ? slope_x : -slope_x) * wy * dot;
@@ -59,24 +59,24 @@ if (grad) {{ {add_entry(self.channels, aligned, "grad + at", "wx * wy", "d_out")
 for (int k = 0; k < 4 / lanes; ++k) {{
 const int corner = k * lanes | lane, i = corner & 1, j = corner >> 1;
 const wp::int64 at = (wp::int64(j ? y1 : y0) * {self.width} + (i ? x1 : x0)) * {self.channels};
-const real wx = i ? share_x : 1.0f - share_x, wy = j ? share_y : 1.0f - share_y;
+const real wx = i ? offset_x : 1.0f - offset_x, wy = j ? offset_y : 1.0f - offset_y;
 {texel}{use}
 }}
 """
 
     def axis(self, a: str, value: str, size: int) -> str:
-        """Neighbours `x0`, `x1`, the `share_x` of the second and its derivative `slope_x`. NaN reads some texel."""
+        """Neighbours `x0`, `x1`, the second's weight `offset_x`, its derivative `slope_x`. NaN reads some texel."""
         if self.wrap:
             return f"""const real at_{a} = ({value} - wp::floor({value})) * {number(size)} - 0.5f;
 const real low_{a} = wp::floor(at_{a});
 const wp::int32 whole_{a} = static_cast<wp::int32>(low_{a});
 const wp::int32 {a}0 = whole_{a} < 0 ? {size - 1} : wp::min(whole_{a}, {size - 1});
 const wp::int32 {a}1 = {a}0 + 1 < {size} ? {a}0 + 1 : 0;
-const real share_{a} = at_{a} - low_{a}, slope_{a} = {number(size)};
+const real offset_{a} = at_{a} - low_{a}, slope_{a} = {number(size)};
 """
         last = size - 1
         return f"""const real at_{a} = {value} > 0.0f ? wp::min({value}, 1.0f) * {number(last)} : 0.0f;
 const wp::int32 {a}0 = static_cast<wp::int32>(at_{a}), {a}1 = wp::min({a}0 + 1, {last});
-const real share_{a} = at_{a} - static_cast<real>({a}0);
+const real offset_{a} = at_{a} - static_cast<real>({a}0);
 const real slope_{a} = {value} >= 0.0f && {value} <= 1.0f ? {number(last)} : 0.0f;
 """

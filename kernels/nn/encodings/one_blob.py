@@ -31,10 +31,10 @@ class OneBlob(Encoding):
     def n_out(self, n_in: int) -> int:
         return self.bins * n_in
 
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         return self.for_each_bin(n_in, "integral", f"out[i * {self.bins} + k] = above - below;")
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         slope = f"{self.bins}.0f * (below - above)"
         return self.for_each_bin(n_in, "density", f"d_in[i] += d_out[i * {self.bins} + k] * {slope};")
 

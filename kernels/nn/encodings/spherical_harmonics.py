@@ -29,13 +29,13 @@ class SphericalHarmonics(Encoding):
             raise ValueError(f"SphericalHarmonics: {n_in} inputs; it takes the three of a direction")
         return self.degree**2
 
-    def forward(self, n_in: int, aligned: int) -> str:
+    def encode_text(self, n_in: int, aligned: int) -> str:
         return self.powers() + "".join(
             f"out[{index}] = {polynomial(polar)} * {'c' if m >= 0 else 's'}{abs(m)};\n"
             for index, m, polar in self.terms()
         )
 
-    def adjoint(self, n_in: int, aligned: int) -> str:
+    def adjoint_text(self, n_in: int, aligned: int) -> str:
         text = self.powers()
         for index, m, polar in self.terms():
             this, other, n = ("c", "s", m) if m >= 0 else ("s", "c", -m)

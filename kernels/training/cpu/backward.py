@@ -8,7 +8,7 @@ from warp_neural.kernels.nn.spec import NetworkSpec, round_up
 from warp_neural.kernels.training.cpu.forward import enter, gradient_name, keeps_z, over_columns, over_samples, tile
 
 
-def backward(spec: NetworkSpec, input_gradient: bool) -> str:
+def chunk_backward_text(spec: NetworkSpec, input_gradient: bool) -> str:
     """`(scratch, count)`: from the gradient of the results to all others, of the first `count` samples."""
     text = enter(spec)
     for l, layer in reversed(list(enumerate(network_layout(spec, False)[0]))):
@@ -71,7 +71,7 @@ for (int j = 0; j < {n_pad}; j += {LANES}) {{
 """
 
 
-def finish(spec: NetworkSpec) -> str:
+def add_gradient_text(spec: NetworkSpec) -> str:
     """`(scratch, gradient) -> bool`: add to the gradient of all parameters, row major; is all that was added finite?"""
     text = f"""{enter(spec)}real check = 0.0f;
 const auto add = [&](int at, real x) {{ gradient.data[at] += x; check += 0.0f * x; }};

@@ -66,7 +66,7 @@ def enter(spec: NetworkSpec) -> str:
     return f"{vector_prelude(spec)}{ROWS}{arrays}"
 
 
-def begin(spec: NetworkSpec) -> str:
+def begin_text(spec: NetworkSpec) -> str:
     """`(params, scratch)`: turn the weights for the way back, clear the gradient."""
     text = enter(spec) + PARAMETERS
     for l, layer in enumerate(network_layout(spec, False)[0]):
@@ -83,24 +83,24 @@ def write(row: str, vector: str, n: int) -> str:
     return f"for (int n = 0; n < {n}; ++n) ({row})[n] = static_cast<real>({vector}.c[n]);\n"
 
 
-def write_input(spec: NetworkSpec) -> str:
+def write_input_text(spec: NetworkSpec) -> str:
     """`(scratch, i, x)`."""
     return enter(spec) + write(f"h0 + i * {round_up(spec.sizes[0], LANES)}", "x", spec.sizes[0])
 
 
-def read_result(spec: NetworkSpec) -> str:
+def read_result_text(spec: NetworkSpec) -> str:
     """`(scratch, i) -> y`."""
     last = network_layout(spec, False)[0][-1]
     return read(spec, last.n, f"h{len(spec.layers)} + i * {last.n_pad}")
 
 
-def write_gradient(spec: NetworkSpec) -> str:
+def write_gradient_text(spec: NetworkSpec) -> str:
     """`(scratch, i, dy)`."""
     last = network_layout(spec, False)[0][-1]
     return enter(spec) + write(f"{gradient_name(len(spec.layers) - 1)} + i * {last.n_pad}", "dy", last.n)
 
 
-def read_input_gradient(spec: NetworkSpec) -> str:
+def read_input_gradient_text(spec: NetworkSpec) -> str:
     """`(scratch, i) -> dx`."""
     return read(spec, spec.sizes[0], f"{gradient_name(-1)} + i * {round_up(spec.sizes[0], LANES)}")
 
@@ -156,7 +156,7 @@ def over_samples(columns: int, **product: str) -> str:
 """
 
 
-def forward(spec: NetworkSpec) -> str:
+def chunk_forward_text(spec: NetworkSpec) -> str:
     """`(params, scratch, count)`: all layers of the first `count` samples."""
     text = enter(spec) + PARAMETERS
     k = round_up(spec.sizes[0], LANES)

@@ -13,20 +13,20 @@ from warp_neural.kernels.training.taped import data_type, make_draw
 
 
 @cache
-def make_rows(spec: NetworkSpec, vec_in: type):
+def make_access(spec: NetworkSpec, vec_in: type):
     """Access to vectors of sample i of a chunk: write_input, read_result, write_gradient, read_input_gradient."""
     vec_gradient, vec_out = (wp.types.vector(n, wp.float32) for n in (spec.sizes[0], spec.sizes[-1]))
 
-    @wp.func_native(cpu.write_input(spec))
+    @wp.func_native(cpu.write_input_text(spec))
     def write_input(scratch: wp.array[float], i: int, x: vec_in): ...
 
-    @wp.func_native(cpu.read_result(spec))
+    @wp.func_native(cpu.read_result_text(spec))
     def read_result(scratch: wp.array[float], i: int) -> vec_out: ...
 
-    @wp.func_native(cpu.write_gradient(spec))
+    @wp.func_native(cpu.write_gradient_text(spec))
     def write_gradient(scratch: wp.array[float], i: int, dy: vec_out): ...
 
-    @wp.func_native(cpu.read_input_gradient(spec))
+    @wp.func_native(cpu.read_input_gradient_text(spec))
     def read_input_gradient(scratch: wp.array[float], i: int) -> vec_gradient: ...
 
     return write_input, read_result, write_gradient, read_input_gradient
@@ -36,16 +36,16 @@ def make_rows(spec: NetworkSpec, vec_in: type):
 def make_passes(spec: NetworkSpec, input_gradient: bool):
     """What a chunk goes through: begin and finish once a batch, forward and backward for `count` samples."""
 
-    @wp.func_native(cpu.begin(spec))
+    @wp.func_native(cpu.begin_text(spec))
     def begin(params: Parameters, scratch: wp.array[float]): ...
 
-    @wp.func_native(cpu.forward(spec))
+    @wp.func_native(cpu.chunk_forward_text(spec))
     def forward(params: Parameters, scratch: wp.array[float], count: int): ...
 
-    @wp.func_native(cpu_backward.backward(spec, input_gradient))
+    @wp.func_native(cpu_backward.chunk_backward_text(spec, input_gradient))
     def backward(scratch: wp.array[float], count: int): ...
 
-    @wp.func_native(cpu_backward.finish(spec))
+    @wp.func_native(cpu_backward.add_gradient_text(spec))
     def finish(scratch: wp.array[float], gradient: wp.array[float]) -> bool: ...
 
     return begin, forward, backward, finish
@@ -64,7 +64,7 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
     vec_first = wp.types.vector(spec.sizes[0], wp.float32) if encode else spec.vec_in
     vec_out, value, gradient_of = wp.types.vector(n_out, wp.float32), loss.value(n_out), loss.gradient(n_out)
     trains_encoding, chunk = encode_adjoint is not None, wp.constant(cpu.CHUNK)
-    write_input, read_result, write_gradient, read_input_gradient = make_rows(spec, vec_first)
+    write_input, read_result, write_gradient, read_input_gradient = make_access(spec, vec_first)
     begin, forward, backward, finish = make_passes(spec, trains_encoding)
 
     @wp.kernel(module="unique", enable_backward=False)

@@ -6,51 +6,52 @@ from warp_neural.kernels.training.hopper64.backward import back_word, enter_fini
 from warp_neural.kernels.training.hopper64.forward import wait, wgmma
 from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, READ, enter, keep
-from warp_neural.kernels.training.hopper128.schedule import PANEL, SAMPLES, SLOT, UpperPlan, WidePlan
+from warp_neural.kernels.training.hopper128.schedule import PANEL, SAMPLES, SLOT, Hopper128Pass, Hopper128Schedule
 
 
-def upper_layers(spec: NetworkSpec, plan: UpperPlan) -> str:
+def upper_layers_text(spec: NetworkSpec, schedule: Hopper128Schedule) -> str:
     """`(memory, sums, z, dy, kept, start) -> sums`: dz of the last two layers and, to memory, of the one before; dW of
     the last. All threads.
     """
-    last, low = len(plan.layers) - 1, plan.low
+    last, low = len(schedule.layers) - 1, schedule.low
     below = ""
     if low > 0:
-        slot = plan.h(last)  # free as soon as both warpgroups have their rows of dW
-        below = f"""{back_products(plan, low)}{back_words(spec, plan.h(low), 0)}{wait(0, "sum.c")}__syncthreads();
+        slot = schedule.h(last)  # free as soon as both warpgroups have their rows of dW
+        words = back_words(spec, schedule.h(low), 0)
+        below = f"""{back_products(schedule, low)}{words}{wait(0, "sum.c")}__syncthreads();
 {save_next(slot)}keep({slot}, {SLOT // PANEL}, 0);
 """
-    return unrolled(f"""{enter(spec, plan)}{keep(plan)}{wgmma("multiply_back", spec, 64, "registers", True)}
-{weight_multiply(spec, plan, last)}
+    return unrolled(f"""{enter(spec, schedule)}{keep(schedule)}{wgmma("multiply_back", spec, 64, "registers", True)}
+{weight_multiply(spec, schedule, last)}
 auto sum = sums;
 unsigned dz[1][{BLOCKS}][4], next[{BLOCKS}][4];
 real dh[2][32];
-{start(spec, plan.last_dz, 1, plan.first_sum(last) + plan.layers[-1].registers)}
-{back_products(plan, last)}__syncthreads();
+{start(spec, schedule.last_dz, 1, schedule.first_sum(last) + schedule.layers[-1].registers)}
+{back_products(schedule, last)}__syncthreads();
 begin_products();
-{weight_products(plan, last)}commit();
-{back_words(spec, plan.h(last), 1)}{save_next(plan.dz(low))}
+{weight_products(schedule, last)}commit();
+{back_words(spec, schedule.h(last), 1)}{save_next(schedule.dz(low))}
 for (int b = 0; b < {BLOCKS}; ++b) for (int r = 0; r < 4; ++r) dz[0][b][r] = next[b][r];
 {below}{wait(0, "sum.c")}publish();
 return sum;
 """)
 
 
-def back_products(plan: UpperPlan, index: int) -> str:
+def back_products(schedule: Hopper128Schedule, index: int) -> str:
     """dh = dz W of layer `index`, under way, half by half."""
-    layer = plan.layers[index]
+    layer = schedule.layers[index]
     return f"""begin_products();
 for (int half = 0; half < 2; ++half) {{
     for (int b = 0; b < {1 if layer.last else BLOCKS}; ++b)
-        multiply_back(dh[half], dz[0][b], {back_tile(plan, index)}, b);
+        multiply_back(dh[half], dz[0][b], {back_tile(schedule, index)}, b);
     commit();
 }}
 """
 
 
-def back_tile(plan: WidePlan, index: int) -> str:
+def back_tile(schedule: Hopper128Pass, index: int) -> str:
     """Rows 16 b on of W, for the inputs of `half`."""
-    layer = plan.layers[index]
+    layer = schedule.layers[index]
     return f"tile(weights + {layer.weights} + half * {layer.panel} + {16 * ROW} * b, 0u)"
 
 
@@ -70,16 +71,16 @@ def save_next(slot: int) -> str:
     return f"for (int b = 0; b < {BLOCKS}; ++b) save(matrices({slot}, b), next[b]);\n"
 
 
-def weight_multiply(spec: NetworkSpec, plan: WidePlan, index: int) -> str:
-    layer = plan.layers[index]
+def weight_multiply(spec: NetworkSpec, schedule: Hopper128Pass, index: int) -> str:
+    layer = schedule.layers[index]
     bias = "" if layer.last else wgmma(f"multiply_ones_{index}", spec, 8, "columns", True)
     return wgmma(f"multiply_{index}", spec, layer.columns, "columns", True) + bias
 
 
-def weight_products(plan: WidePlan, index: int) -> str:
+def weight_products(schedule: Hopper128Pass, index: int) -> str:
     """This warpgroup's rows of dW of layer `index`, under way, from the samples of both."""
-    layer, sums = plan.layers[index], plan.first_sum(index)
-    h, dz = f"from + {plan.h(index)}", f"from + {plan.dz(index)}"
+    layer, sums = schedule.layers[index], schedule.first_sum(index)
+    h, dz = f"from + {schedule.h(index)}", f"from + {schedule.dz(index)}"
     if layer.last:
         a, b = f"tile({h} + group * {PANEL} + {16 * ROW} * s, 0u)", f"last_tile({dz} + {16 * LAST_ROW} * s)"
     else:
@@ -88,67 +89,67 @@ def weight_products(plan: WidePlan, index: int) -> str:
     db = f"(*reinterpret_cast<real (*)[4]>(sum.c + {sums + layer.registers}))"
     bias = "" if layer.last else f"multiply_ones_{index}({db}, {a}, tile(ones, 0u), 1);"
     return f"""for (int source = 0; source < {GROUPS}; ++source) for (int s = 0; s < {SAMPLES // 16}; ++s) {{
-    const unsigned from = areas + source * {plan.area};
+    const unsigned from = areas + source * {schedule.area};
     multiply_{index}({dw}, {a}, {b}, 1);
     {bias}
 }}
 """
 
 
-def begin_first_layer(spec: NetworkSpec, plan: UpperPlan) -> str:
-    """As `warpgroup_backward.begin_first_layer`, of layer `low`."""
-    return unrolled(f"""{enter(spec, plan)}{weight_multiply(spec, plan, plan.low)}
+def begin_first_layer_text(spec: NetworkSpec, schedule: Hopper128Schedule) -> str:
+    """As `hopper64.backward.begin_first_layer_text`, of layer `low`."""
+    return unrolled(f"""{enter(spec, schedule)}{weight_multiply(spec, schedule, schedule.low)}
 auto sum = sums;
 __syncthreads();
 begin_products();
-{weight_products(plan, plan.low)}commit();
+{weight_products(schedule, schedule.low)}commit();
 return sum;
 """)
 
 
-def first_layer(spec: NetworkSpec, plan: UpperPlan, input_gradient: bool) -> str:
-    """As `warpgroup_backward.first_layer`."""
-    k_pad = plan.layers[0].layout.k_pad
+def first_layer_text(spec: NetworkSpec, schedule: Hopper128Schedule, input_gradient: bool) -> str:
+    """As `hopper64.backward.first_layer_text`."""
+    k_pad = schedule.layers[0].layout.k_pad
     before = after = lambdas = ""
     if input_gradient:
         lambdas = wgmma("multiply_back", spec, k_pad, "registers", True)
         before = f"""unsigned dz[{BLOCKS}][4];
 real dh[{k_pad // 2}];
-for (int b = 0; b < {BLOCKS}; ++b) load(matrices({plan.dz(0)}, b), dz[b]);
+for (int b = 0; b < {BLOCKS}; ++b) load(matrices({schedule.dz(0)}, b), dz[b]);
 begin_products();
-for (int b = 0; b < {BLOCKS}; ++b) multiply_back(dh, dz[b], {input_tile(plan)}, b);
+for (int b = 0; b < {BLOCKS}; ++b) multiply_back(dh, dz[b], {input_tile(schedule)}, b);
 commit();
 """
-        after = save_dx(plan)
+        after = save_dx(schedule)
     ready = ("sum.c", "dh") if input_gradient else ("sum.c",)
-    return unrolled(f"""{enter(spec, plan)}{lambdas}
+    return unrolled(f"""{enter(spec, schedule)}{lambdas}
 auto sum = sums;
 {before}{wait(0, *ready)}__syncthreads();
 {after}return sum;
 """)
 
 
-def input_tile(plan: WidePlan) -> str:
+def input_tile(schedule: Hopper128Pass) -> str:
     """Rows 16 b on of the first layer's W."""
-    layer = plan.layers[0]
+    layer = schedule.layers[0]
     return f"tile(weights + {layer.weights} + {16 * ROW} * b, {layer.panel}u)"
 
 
-def save_dx(plan: WidePlan) -> str:
+def save_dx(schedule: Hopper128Pass) -> str:
     """`dh`, the gradient to the inputs, to their slot."""
-    return f"""for (int b = 0; b < {plan.layers[0].layout.k_pad // 16}; ++b) {{
+    return f"""for (int b = 0; b < {schedule.layers[0].layout.k_pad // 16}; ++b) {{
     unsigned w[4];
     for (int r = 0; r < 4; ++r) w[r] = pack(dh[8 * b + 2 * r], dh[8 * b + 2 * r + 1]);
-    save(matrices({plan.dx}, b), w);
+    save(matrices({schedule.dx}, b), w);
 }}
 """
 
 
-def finish(plan: WidePlan) -> str:
-    """As `cuda_finish.finish`, of the pass's layers; the upper pass leaves the loss."""
+def finish_text(schedule: Hopper128Pass) -> str:
+    """As `mma.finish.finish_text`, of the pass's layers; the upper pass leaves the loss."""
     text, checked = "", []
-    for index in plan.gradients:
-        layer, sums = plan.layers[index], plan.first_sum(index)
+    for index in schedule.gradients:
+        layer, sums = schedule.layers[index], schedule.first_sum(index)
         for r in range(layer.registers):
             text += f"put({layer.first} + (group * {layer.registers}u + {r}u) * 128u + place, sums.c[{sums + r}]);\n"
         biases = [sums + layer.registers + r for r in ((0,) if layer.last else (0, 2))]
@@ -157,6 +158,6 @@ def finish(plan: WidePlan) -> str:
             row = f"group * 64u + place / 32u * 16u + g + {8 * h}"
             text += f"if (t == 0u) put({layer.bias_first} + {row}, sums.c[{i}]);\n"
         if layer.last:
-            text += f"__syncthreads();\n{leave_last(plan, 0, biases[0])}__syncthreads();\n{put_last(plan, 0)}"
-            text += READ if plan.kept else ""
-    return unrolled(enter_finish(plan, checked) + text)
+            text += f"__syncthreads();\n{leave_last(schedule, 0, biases[0])}__syncthreads();\n{put_last(schedule, 0)}"
+            text += READ if schedule.kept else ""
+    return unrolled(enter_finish(schedule, checked) + text)

@@ -1,4 +1,4 @@
-"""CUDA text of a fused training step by warpgroups for 128 neurons a layer, as `warpgroup`: the forward pass.
+"""CUDA text of a fused training step by warpgroups for 128 neurons a layer, as in `hopper64`: the forward pass.
 
 A tile is 64 samples, of which each warp has 16 rows and as many of its lanes their own.
 """
@@ -17,18 +17,26 @@ from warp_neural.kernels.training.hopper64.forward import (
     wgmma,
 )
 from warp_neural.kernels.training.hopper64.schedule import ROW
-from warp_neural.kernels.training.hopper128.schedule import PANEL, SLOT, WIDTH, UpperPlan, WideLayer, WidePlan
+from warp_neural.kernels.training.hopper128.schedule import (
+    PANEL,
+    SLOT,
+    WIDTH,
+    Hopper128Layer,
+    Hopper128Pass,
+    Hopper128Schedule,
+)
 from warp_neural.kernels.training.mma.forward import MEMORY, slopes
 
 BLOCKS = WIDTH // 16  # of inputs, in one product
 
 
-def enter(spec: NetworkSpec, plan: WidePlan) -> str:
-    """As `warpgroup.enter`; `areas` of both warpgroups."""
+def enter(spec: NetworkSpec, schedule: Hopper128Pass) -> str:
+    """As `hopper64.forward.enter`; `areas` of both warpgroups."""
     return f"""{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}
 const unsigned warp = __shfl_sync(0xffffffffu, threadIdx.x >> 5, 0), group = warp >> 2;
 const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + 1023u) & ~1023u;
-const unsigned ones = weights + {plan.ones}, areas = weights + {plan.areas}, area = areas + group * {plan.area};
+const unsigned ones = weights + {schedule.ones}, areas = weights + {schedule.areas};
+const unsigned area = areas + group * {schedule.area};
 const unsigned first = (warp & 3u) * 16, upper = lane >> 4, row = first + (lane & 15u), own = row;
 const unsigned place = row * {ROW} + ((upper ^ (lane & 7u)) << 4);
 auto unit = [&](unsigned slot, int u) {{
@@ -37,13 +45,13 @@ auto matrices = [&](unsigned slot, int b) {{ return area + slot + b / 4 * {PANEL
 """
 
 
-def keep(plan: UpperPlan) -> str:
+def keep(schedule: Hopper128Schedule) -> str:
     """A lambda: this warp's rows of a slot, in so many panels, to slot `to` of the tile in memory, under way."""
-    if not plan.kept:
+    if not schedule.kept:
         return ""
     return f"""auto keep = [&](unsigned slot, int panels, unsigned to) {{
     const size_t tile = start / 64 + blockIdx.x * 2 + group;
-    char* const memory_of = reinterpret_cast<char*>(kept.data) + tile * {plan.kept * SLOT} + to + first * {ROW};
+    char* const memory_of = reinterpret_cast<char*>(kept.data) + tile * {schedule.kept * SLOT} + to + first * {ROW};
     publish();
     __syncwarp();
     if (lane == 0) {{
@@ -61,40 +69,48 @@ def keep(plan: UpperPlan) -> str:
 READ = 'if (lane == 0) asm volatile("cp.async.bulk.wait_group.read 0;" ::: "memory");\n__syncwarp();\n'
 
 
-def forward(spec: NetworkSpec, plan: UpperPlan, halves: bool) -> str:
-    """As `warpgroup.forward`. The inputs of the layers before `plan.low` are kept in memory."""
-    final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
-    layers = "".join(forward_layer(spec, plan, index) for index in range(depth))
+def forward_text(spec: NetworkSpec, schedule: Hopper128Schedule, halves: bool) -> str:
+    """As `hopper64.forward.forward_text`. The inputs of the layers before `schedule.low` are kept in memory."""
+    final, k_pad, depth = schedule.layers[-1].layout, schedule.layers[0].layout.k_pad, len(schedule.layers) - 1
+    layers = "".join(forward_layer(spec, schedule, index) for index in range(depth))
     multiply = wgmma("multiply_hidden", spec, 64, "registers", False)
     multiply += wgmma("multiply_last", spec, final.n_pad, "registers", False)
-    return unrolled(f"""{enter(spec, plan)}{keep(plan)}{multiply}{read_biases(plan, WIDTH)}if (lane < 16u) {{
-{save_inputs(spec, plan, halves)}}}
+    return unrolled(f"""{enter(spec, schedule)}{keep(schedule)}{multiply}{read_biases(schedule, WIDTH)}
+if (lane < 16u) {{
+{save_inputs(spec, schedule, halves)}}}
 __syncwarp();
 unsigned a[{BLOCKS}][4];
 for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, b), a[b]);
-{keep_input(plan, 0, 0)}{layers}
+{keep_input(schedule, 0, 0)}{layers}
 real z[{final.n_pad // 2}];
 begin_products();
-for (int b = 0; b < {BLOCKS}; ++b) {{ const int half = 0; multiply_last(z, a[b], {weight_tile(plan.layers[-1])}, b); }}
+for (int b = 0; b < {BLOCKS}; ++b) {{
+    const int half = 0;
+    multiply_last(z, a[b], {weight_tile(schedule.layers[-1])}, b);
+}}
 commit();
 {wait(0, "z")}
-{save_results(plan, "z", "")}{read_results(plan)}""")
+{save_results(schedule, "z", "")}{read_results(schedule)}""")
 
 
-def keep_input(plan: UpperPlan, index: int, slot: int) -> str:
+def keep_input(schedule: Hopper128Schedule, index: int, slot: int) -> str:
     """That of layer `index`, which lies in `slot`, if the lower pass needs it."""
-    return f"keep({slot}, {plan.layers[index].panels}, {(plan.low - index) * SLOT});\n" if index < plan.low else ""
+    return (
+        f"keep({slot}, {schedule.layers[index].panels}, {(schedule.low - index) * SLOT});\n"
+        if index < schedule.low
+        else ""
+    )
 
 
-def forward_layer(spec: NetworkSpec, plan: UpperPlan, index: int) -> str:
+def forward_layer(spec: NetworkSpec, schedule: Hopper128Schedule, index: int) -> str:
     """`a` becomes the input of the next layer, half of it while the other half is multiplied."""
-    layer = plan.layers[index]
+    layer = schedule.layers[index]
     values = "d[half][4 * j + 2 * h] + biases[j].x", "d[half][4 * j + 2 * h + 1] + biases[j].y"
     if spec.activation is relu:
         word = "pack_relu({}, {})"
     else:
         word = "pack({}, {})" if spec.activation is linear else "pack(hidden({}), hidden({}))"
-    slot = plan.spare if index + 1 < plan.low else plan.h(index + 1)
+    slot = schedule.spare if index + 1 < schedule.low else schedule.h(index + 1)
     return f"""{{ real d[2][32];
 begin_products();
 for (int half = 0; half < 2; ++half) {{
@@ -110,14 +126,14 @@ if (half == 0) {{ {wait(1, "d[0]")} }} else {{ {wait(0, "d[1]")} }}
 for (int j = 0; j < 8; ++j) for (int h = 0; h < 2; ++h)
     next[4 * half + j / 2][j % 2 * 2 + h] = {word.format(*values)};
 }}
-{READ if plan.kept and index + 1 == plan.low else ""}for (int b = 0; b < {BLOCKS}; ++b) {{
+{READ if schedule.kept and index + 1 == schedule.low else ""}for (int b = 0; b < {BLOCKS}; ++b) {{
     for (int r = 0; r < 4; ++r) a[b][r] = next[b][r];
     save(matrices({slot}, b), a[b]);
 }}
 }}
-{keep_input(plan, index + 1, slot)}"""
+{keep_input(schedule, index + 1, slot)}"""
 
 
-def weight_tile(layer: WideLayer) -> str:
+def weight_tile(layer: Hopper128Layer) -> str:
     """Columns 16 b on of W, for the neurons of `half`."""
     return f"tile(weights + {layer.weights} + b / 4 * {layer.panel} + half * {64 * ROW} + 32 * (b % 4), 0u)"

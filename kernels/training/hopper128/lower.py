@@ -1,4 +1,4 @@
-"""CUDA text of the lower pass of a fused training step for 128 neurons a layer, after `wide_backward`.
+"""CUDA text of the lower pass of a fused training step for 128 neurons a layer, after `hopper128.backward`.
 
 What the upper pass kept comes from memory while the products of the other slots are under way.
 """
@@ -15,14 +15,14 @@ from warp_neural.kernels.training.hopper128.backward import (
     weight_products,
 )
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, enter
-from warp_neural.kernels.training.hopper128.schedule import PANEL, SLOT, LowerPlan
+from warp_neural.kernels.training.hopper128.schedule import PANEL, SLOT, Hopper128LowerSchedule
 
 
-def fetch(plan: LowerPlan) -> str:
+def fetch(schedule: Hopper128LowerSchedule) -> str:
     """A lambda: from memory to slots `begin` to `end`, under way; of the round `start`, if `inside`."""
     return f"""auto fetch = [&](int start, bool inside, unsigned begin, unsigned end) {{
     const size_t tile = start / 64 + blockIdx.x * 2 + group;
-    const char* const memory_of = reinterpret_cast<const char*>(kept.data) + tile * {plan.kept * SLOT};
+    const char* const memory_of = reinterpret_cast<const char*>(kept.data) + tile * {schedule.kept * SLOT};
     if (inside)
         for (unsigned at = begin + (threadIdx.x & 127u) * 16; at < end; at += 128 * 16)
             asm volatile("cp.async.cg.shared.global [%0],[%1],16;" :: "r"(area + at), "l"(memory_of + at) : "memory");
@@ -30,10 +30,10 @@ def fetch(plan: LowerPlan) -> str:
 """
 
 
-def parts(plan: LowerPlan) -> list[tuple[int, int]]:
+def fetched(schedule: Hopper128LowerSchedule) -> list[tuple[int, int]]:
     """Bytes of an area that are fetched together: of the first slots, and of the input's."""
-    x = plan.h(0)
-    return [(0, x), (x, x + plan.layers[0].panels * PANEL)]
+    x = schedule.h(0)
+    return [(0, x), (x, x + schedule.layers[0].panels * PANEL)]
 
 
 def arrived(pending: int) -> str:
@@ -41,60 +41,61 @@ def arrived(pending: int) -> str:
     return f'asm volatile("cp.async.wait_group {pending};" ::: "memory");\npublish();\n__syncthreads();\n'
 
 
-def begin(spec: NetworkSpec, plan: LowerPlan) -> str:
+def first_fetch_text(spec: NetworkSpec, schedule: Hopper128LowerSchedule) -> str:
     """`(memory, kept)`: the first tile, under way."""
-    fetches = "".join(f"fetch(0, true, {begin}u, {end}u);\n" for begin, end in parts(plan))
-    return unrolled(enter(spec, plan) + fetch(plan) + fetches)
+    fetches = "".join(f"fetch(0, true, {begin}u, {end}u);\n" for begin, end in fetched(schedule))
+    return unrolled(enter(spec, schedule) + fetch(schedule) + fetches)
 
 
-def layers(spec: NetworkSpec, plan: LowerPlan, input_gradient: bool) -> str:
+def lower_layers_text(spec: NetworkSpec, schedule: Hopper128LowerSchedule, input_gradient: bool) -> str:
     """`(memory, sums, kept, next, inside) -> sums`: dW of all layers of the pass; `input_gradient` leaves dx. next: the
     start of the next round, if `inside`. All threads."""
-    lambdas = "".join(weight_multiply(spec, plan, index) for index in plan.gradients)
-    refill, refill_x = (f"fetch(next, inside, {begin}u, {end}u);\n" for begin, end in parts(plan))
+    lambdas = "".join(weight_multiply(spec, schedule, index) for index in schedule.gradients)
+    refill, refill_x = (f"fetch(next, inside, {begin}u, {end}u);\n" for begin, end in fetched(schedule))
     before, after, ready = arrived(0), refill + refill_x, ["sum.c"]
-    if plan.low > 1:
+    if schedule.low > 1:
         lambdas += wgmma("multiply_back", spec, 64, "rows", True)
-        before, after = f"{arrived(1)}{back_layer(spec, plan, 1)}{arrived(0)}{refill}", refill_x
+        before, after = f"{arrived(1)}{back_layer(spec, schedule, 1)}{arrived(0)}{refill}", refill_x
     dx = ""
     if input_gradient:
-        k_pad = plan.layers[0].layout.k_pad
+        k_pad = schedule.layers[0].layout.k_pad
         lambdas += wgmma("multiply_input", spec, k_pad, "rows", True)
         dx = f"""real dh[{k_pad // 2}];
-for (int b = 0; b < {BLOCKS}; ++b) multiply_input(dh, {dz_tile(plan, 0)}, {input_tile(plan)}, b);
+for (int b = 0; b < {BLOCKS}; ++b) multiply_input(dh, {dz_tile(schedule, 0)}, {input_tile(schedule)}, b);
 """
-        ready, after = ["sum.c", "dh"], after + save_dx(plan)
-    return unrolled(f"""{enter(spec, plan)}{fetch(plan)}{lambdas}
+        ready, after = ["sum.c", "dh"], after + save_dx(schedule)
+    return unrolled(f"""{enter(spec, schedule)}{fetch(schedule)}{lambdas}
 auto sum = sums;
 {before}begin_products();
-{dx}{weight_products(plan, 0)}commit();
+{dx}{weight_products(schedule, 0)}commit();
 {wait(0, *ready)}__syncthreads();
 {after}return sum;
 """)
 
 
-def back_layer(spec: NetworkSpec, plan: LowerPlan, index: int) -> str:
+def back_layer(spec: NetworkSpec, schedule: Hopper128LowerSchedule, index: int) -> str:
     """dz of the layer before to its slot, half by half, while dW of layer `index` is summed."""
     word = back_word(spec, "dh[half][8 * i + 2 * r", "was[i][r]")
     return f"""{{ real dh[2][32];
 begin_products();
 for (int half = 0; half < 2; ++half) {{
-    for (int b = 0; b < {BLOCKS}; ++b) multiply_back(dh[half], {dz_tile(plan, index)}, {back_tile(plan, index)}, b);
+    for (int b = 0; b < {BLOCKS}; ++b)
+        multiply_back(dh[half], {dz_tile(schedule, index)}, {back_tile(schedule, index)}, b);
     commit();
 }}
-{weight_products(plan, index)}commit();
+{weight_products(schedule, index)}commit();
 for (int half = 0; half < 2; ++half) {{
 unsigned was[4][4], w[4];
-for (int i = 0; i < 4; ++i) load(matrices({plan.h(index)}, 4 * half + i), was[i]);
+for (int i = 0; i < 4; ++i) load(matrices({schedule.h(index)}, 4 * half + i), was[i]);
 if (half == 0) {{ {wait(2, "dh[0]")} }} else {{ {wait(1, "dh[1]")} }}
 for (int i = 0; i < 4; ++i) {{
     for (int r = 0; r < 4; ++r) w[r] = {word};
-    save(matrices({plan.dz(index - 1)}, 4 * half + i), w);
+    save(matrices({schedule.dz(index - 1)}, 4 * half + i), w);
 }} }}
 {wait(0, "sum.c")}}}
 """
 
 
-def dz_tile(plan: LowerPlan, index: int) -> str:
+def dz_tile(schedule: Hopper128LowerSchedule, index: int) -> str:
     """Columns 16 b on of this warpgroup's dz of layer `index`."""
-    return f"tile(area + {plan.dz(index)} + b / 4 * {PANEL} + 32 * (b % 4), 0u)"
+    return f"tile(area + {schedule.dz(index)} + b / 4 * {PANEL} + 32 * (b % 4), 0u)"

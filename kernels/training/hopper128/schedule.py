@@ -4,14 +4,14 @@ Each takes 64 samples through all layers; the gradient of a layer's weights, dW 
 its inner dimension, and each warpgroup keeps the rows of 64 neurons of it in registers. They hold two such layers at
 most: the upper pass goes through all layers and computes the gradients of the last two, the lower pass those of the
 others. Between the passes each layer's input H and the last dz that was computed lie in memory, tile by tile as
-they lie in shared memory. Slots are those of `warpgroup_plan`, in panels of 64 columns.
+they lie in shared memory. Slots are those of `hopper64.schedule`, in panels of 64 columns.
 """
 
 from dataclasses import dataclass
 
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
 from warp_neural.kernels.nn.spec import NetworkSpec, round_up
-from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW, HopperPlan, takes
+from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW, HopperSchedule, takes
 
 WIDTH = 128
 SAMPLES = 64  # of a warpgroup and round: a tile
@@ -21,7 +21,7 @@ MAX_DEPTH = 3  # hidden layers whose weights fit
 
 
 @dataclass(frozen=True)
-class WideLayer:
+class Hopper128Layer:
     """weights: in shared memory, panels of 64 columns, in bytes. first: of its floats in a block's gradient."""
 
     layout: LayerLayout
@@ -62,16 +62,16 @@ class WideLayer:
 
 
 @dataclass(frozen=True)
-class WidePlan(HopperPlan):
+class Hopper128Pass(HopperSchedule):
     """layers: whose weights a block has, from the first on. floats: of a block's gradient, in both passes. Offsets in
-    bytes as in `WarpgroupPlan`.
+    bytes as in `Hopper64Schedule`.
 
-    Each kind of plan has `low`, the first layer of the upper pass; `gradients`, a range: the layers whose gradients its
-    pass computes; and in an area `h(index)` and `dz(index)`, where the input of a layer and its dz lie.
+    Each kind of schedule has `low`, the first layer of the upper pass; `gradients`, a range: the layers whose gradients
+    its pass computes; and in an area `h(index)` and `dz(index)`, where the input of a layer and its dz lie.
     """
 
     lanes = 16
-    layers: tuple[WideLayer, ...]
+    layers: tuple[Hopper128Layer, ...]
     floats: int
 
     @property
@@ -95,7 +95,7 @@ class WidePlan(HopperPlan):
         return self.low + 1 if self.low else 0
 
 
-class LowerPlan(WidePlan):
+class Hopper128LowerSchedule(Hopper128Pass):
     """An area has what was kept, and another slot for dz of layer 0 or the gradient to the input."""
 
     @property
@@ -121,7 +121,7 @@ class LowerPlan(WidePlan):
         return self.dx + SLOT
 
 
-class UpperPlan(WidePlan):
+class Hopper128Schedule(Hopper128Pass):
     """An area has slots for the inputs of the last two layers, the spare one, and dz of the last."""
 
     spare = 2 * SLOT
@@ -137,8 +137,8 @@ class UpperPlan(WidePlan):
         return range(self.low, len(self.layers))
 
     @property
-    def lower(self) -> LowerPlan | None:
-        return LowerPlan(self.layers[: self.low], self.floats) if self.low else None
+    def lower(self) -> Hopper128LowerSchedule | None:
+        return Hopper128LowerSchedule(self.layers[: self.low], self.floats) if self.low else None
 
     def h(self, index: int) -> int:
         return (index - self.low) * SLOT
@@ -151,13 +151,13 @@ class UpperPlan(WidePlan):
         return self.low == 0
 
 
-def make_wide_plan(spec: NetworkSpec) -> UpperPlan | None:
+def make_schedule(spec: NetworkSpec) -> Hopper128Schedule | None:
     """None for a network that is not trained this way."""
     depth = len(spec.sizes) - 2
     if not takes(spec, WIDTH) or depth > MAX_DEPTH:
         return None
     weights, first, layers = 0, 0, []
     for index, layout in enumerate(network_layout(spec, True)[0]):
-        layers.append(WideLayer(layout, index == depth, weights, first))
+        layers.append(Hopper128Layer(layout, index == depth, weights, first))
         weights, first = layers[-1].end, layers[-1].bias_first + layout.n_pad
-    return UpperPlan(tuple(layers), first)
+    return Hopper128Schedule(tuple(layers), first)

@@ -16,23 +16,23 @@ from warp_neural.kernels.training.hopper64.schedule import (
     SAMPLES,
     SLOT,
     WIDTH,
-    HopperPlan,
-    WarpgroupPlan,
+    Hopper64Schedule,
+    HopperSchedule,
 )
-from warp_neural.kernels.training.hopper128.schedule import WidePlan
+from warp_neural.kernels.training.hopper128.schedule import Hopper128Pass
 from warp_neural.kernels.training.mma.backward import take_dx
 
 
-def upper_layers(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
+def upper_layers_text(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:
     """`(memory, sums, z, dy) -> sums`: dz of all layers, dW of all but the first two. All threads."""
-    layers = "".join(backward_layer(spec, plan, index) for index in reversed(range(1, len(plan.layers))))
-    gradients = "".join(weight_multiply(spec, plan, index) for index in range(2, len(plan.layers)))
-    return unrolled(f"""{enter(spec, plan)}{wgmma("multiply_back", spec, WIDTH, "registers", True)}{gradients}
+    layers = "".join(backward_layer(spec, schedule, index) for index in reversed(range(1, len(schedule.layers))))
+    gradients = "".join(weight_multiply(spec, schedule, index) for index in range(2, len(schedule.layers)))
+    return unrolled(f"""{enter(spec, schedule)}{wgmma("multiply_back", spec, WIDTH, "registers", True)}{gradients}
 auto sum = sums;
 unsigned dz[2][{WIDTH // 16}][4];
 real dh[2][{WIDTH // 2}];
-{start(spec, plan.last_dz, 2, plan.layers[-1].bias_sums)}
-for (int m = 0; m < 2; ++m) {{ {back_products(plan, len(plan.layers) - 1)} }}
+{start(spec, schedule.last_dz, 2, schedule.layers[-1].bias_sums)}
+for (int m = 0; m < 2; ++m) {{ {back_products(schedule, len(schedule.layers) - 1)} }}
 {layers}publish();
 return sum;
 """)
@@ -70,9 +70,9 @@ publish();
 """
 
 
-def back_products(plan: WarpgroupPlan, index: int) -> str:
+def back_products(schedule: Hopper64Schedule, index: int) -> str:
     """dh[m] = dz[m] W of layer `index`, under way as a group."""
-    layer = plan.layers[index]
+    layer = schedule.layers[index]
     return f"""begin_products();
 for (int b = 0; b < {1 if layer.last else WIDTH // 16}; ++b)
     multiply_back(dh[m], dz[m][b], tile(weights + {layer.weights} + {16 * ROW} * b, 0u), b);
@@ -80,29 +80,29 @@ commit();
 """
 
 
-def weight_multiply(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
-    return wgmma(f"multiply_{index}", spec, plan.layers[index].columns, "columns", True)
+def weight_multiply(spec: NetworkSpec, schedule: Hopper64Schedule, index: int) -> str:
+    return wgmma(f"multiply_{index}", spec, schedule.layers[index].columns, "columns", True)
 
 
-def weight_products(plan: WarpgroupPlan, index: int) -> str:
+def weight_products(schedule: Hopper64Schedule, index: int) -> str:
     """dW of layer `index`, under way: dz^T (H, ones); of the last layer H^T dz."""
-    layer, h = plan.layers[index], f"area + {index * SLOT} + {16 * ROW} * s"
+    layer, h = schedule.layers[index], f"area + {index * SLOT} + {16 * ROW} * s"
     if layer.last:
-        operands = f"tile({h}, 0u), last_tile(area + {plan.last_dz} + {16 * LAST_ROW} * s)"
+        operands = f"tile({h}, 0u), last_tile(area + {schedule.last_dz} + {16 * LAST_ROW} * s)"
     else:
-        operands = f"tile(area + {plan.dz(index)} + {16 * ROW} * s, 0u), tile({h}, ones - ({h}))"
+        operands = f"tile(area + {schedule.dz(index)} + {16 * ROW} * s, 0u), tile({h}, ones - ({h}))"
     dw = f"(*reinterpret_cast<real (*)[{layer.columns // 2}]>(sum.c + {layer.sums}))"
     return f"for (int s = 0; s < {SAMPLES // 16}; ++s) multiply_{index}({dw}, {operands}, 1);\n"
 
 
-def backward_layer(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
+def backward_layer(spec: NetworkSpec, schedule: Hopper64Schedule, index: int) -> str:
     """dz of layer `index`, whose way back is being multiplied, to that of the layer before."""
-    before = "" if plan.layers[index].last else f"publish();\n{wait(2)}"
-    if len(plan.layers) > 2:  # the slot that dz goes to is free now, and dz of this layer complete
+    before = "" if schedule.layers[index].last else f"publish();\n{wait(2)}"
+    if len(schedule.layers) > 2:  # the slot that dz goes to is free now, and dz of this layer complete
         before += "together();\n"
     pending = (1, 0)
     if index > 1:
-        before += f"begin_products();\n{weight_products(plan, index)}commit();\n"
+        before += f"begin_products();\n{weight_products(schedule, index)}commit();\n"
         pending = (2, 2)
     word = back_word(spec, "dh[m][8 * b + 2 * r", "kept[b][r]")  # row half r % 2, columns 8 (2 b + r / 2) + 2 t
     return f"""{before}
@@ -111,8 +111,8 @@ unsigned kept[{WIDTH // 16}][4];
 for (int b = 0; b < {WIDTH // 16}; ++b) load(matrices({index * SLOT}, m, b), kept[b]);
 if (m == 0) {{ {wait(pending[0], "dh[0]")} }} else {{ {wait(pending[1], "dh[1]")} }}
 for (int b = 0; b < {WIDTH // 16}; ++b) for (int r = 0; r < 4; ++r) dz[m][b][r] = {word};
-{back_products(plan, index - 1) if index > 1 else ""}
-for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({plan.dz(index - 1)}, m, b), dz[m][b]);
+{back_products(schedule, index - 1) if index > 1 else ""}
+for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({schedule.dz(index - 1)}, m, b), dz[m][b]);
 }}
 """
 
@@ -127,27 +127,27 @@ def back_word(spec: NetworkSpec, dh: str, kept: str) -> str:
     return f"pack({low}, {high})"
 
 
-def begin_first_layer(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
+def begin_first_layer_text(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:
     """`(memory, sums) -> sums`: dW of the first two layers, under way. All threads."""
-    return unrolled(f"""{enter(spec, plan)}{weight_multiply(spec, plan, 0)}{weight_multiply(spec, plan, 1)}
+    return unrolled(f"""{enter(spec, schedule)}{weight_multiply(spec, schedule, 0)}{weight_multiply(spec, schedule, 1)}
 auto sum = sums;
 together();
 begin_products();
-{weight_products(plan, 1)}{weight_products(plan, 0)}commit();
+{weight_products(schedule, 1)}{weight_products(schedule, 0)}commit();
 return sum;
 """)
 
 
-def first_layer(spec: NetworkSpec, plan: WarpgroupPlan, input_gradient: bool) -> str:
+def first_layer_text(spec: NetworkSpec, schedule: Hopper64Schedule, input_gradient: bool) -> str:
     """`(memory, sums) -> sums`, complete; `input_gradient` leaves dx where x was. All threads."""
-    k_pad, blocks = plan.layers[0].layout.k_pad, WIDTH // 16
+    k_pad, blocks = schedule.layers[0].layout.k_pad, WIDTH // 16
     before = after = lambdas = ""
     if input_gradient:
         lambdas = wgmma("multiply_back", spec, k_pad, "registers", True)
         before = f"""unsigned dz[2][{blocks}][4];
 real dh[2][{k_pad // 2}];
-for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) load(matrices({plan.dz(0)}, m, b), dz[m][b]);
-for (int m = 0; m < 2; ++m) {{ {back_products(plan, 0)} }}
+for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) load(matrices({schedule.dz(0)}, m, b), dz[m][b]);
+for (int m = 0; m < 2; ++m) {{ {back_products(schedule, 0)} }}
 """
         after = f"""for (int m = 0; m < 2; ++m) for (int b = 0; b < {k_pad // 16}; ++b) {{
     unsigned w[4];
@@ -156,43 +156,45 @@ for (int m = 0; m < 2; ++m) {{ {back_products(plan, 0)} }}
 }}
 """
     ready = ("sum.c", "dh[0]", "dh[1]") if input_gradient else ("sum.c",)
-    return unrolled(f"""{enter(spec, plan)}{lambdas}
+    return unrolled(f"""{enter(spec, schedule)}{lambdas}
 auto sum = sums;
 {before}{wait(0, *ready)}together();
 {after}return sum;
 """)
 
 
-def input_gradient(spec: NetworkSpec, plan: HopperPlan, enter: str, dtype: type) -> str:
-    """As `cuda_backward.input_gradient`. All threads. enter: what the text begins with."""
-    take = take_dx(spec.sizes[0], dtype, lambda u: f"unit({plan.dx}, {u})")
+def input_gradient_text(spec: NetworkSpec, schedule: HopperSchedule, enter: str, dtype: type) -> str:
+    """As `mma.backward.input_gradient_text`. All threads. enter: what the text begins with."""
+    take = take_dx(spec.sizes[0], dtype, lambda u: f"unit({schedule.dx}, {u})")
     return unrolled(f"{enter}__syncwarp();\n{take}__syncwarp();\nreturn dx;\n")
 
 
-def finish(plan: WarpgroupPlan) -> str:
-    """As `cuda_finish.finish`. Each warpgroup adds up half of the weights' registers of both."""
-    registers = [(layer.sums + r, layer.first + SAMPLES * r) for layer in plan.layers for r in range(layer.registers)]
+def finish_text(schedule: Hopper64Schedule) -> str:
+    """As `mma.finish.finish_text`. Each warpgroup adds up half of the weights' registers of both."""
+    registers = [
+        (layer.sums + r, layer.first + SAMPLES * r) for layer in schedule.layers for r in range(layer.registers)
+    ]
     half, base = len(registers) // 2, len(registers) * SAMPLES
-    final = plan.layers[-1]
+    final = schedule.layers[-1]
     checked = [sum for sum, _ in registers] + [final.bias_sums]
-    checked += [layer.bias_sums + r for layer in plan.layers[:-1] for r in (0, 2)]
+    checked += [layer.bias_sums + r for layer in schedule.layers[:-1] for r in (0, 2)]
     leave = put = ""
     for i, (sum, first) in enumerate(registers):
         leave += f"if (group == {int(i < half)}u) total[{i * SAMPLES} + place] = sums.c[{sum}];\n"
         put += f"if (group == {int(i >= half)}u) put({first} + place, sums.c[{sum}] + total[{i * SAMPLES} + place]);\n"
-    for layer in plan.layers[:-1]:
+    for layer in schedule.layers[:-1]:
         for h in range(2):
             row = f"group * {WIDTH} + place / 32u * 16u + g + {8 * h}"
             leave += f"if (t == 0u) total[{base} + {row}] = sums.c[{layer.bias_sums + 2 * h}];\n"
         value = f"total[{base} + place] + total[{base + WIDTH} + place]"
         put += f"if (threadIdx.x < {WIDTH}u) put({layer.bias_first} + place, {value});\n"
         base += 2 * WIDTH
-    return unrolled(f"""{enter_finish(plan, checked)}__syncthreads();
-{leave}{leave_last(plan, base, final.bias_sums)}__syncthreads();
-{put}{put_last(plan, base)}""")
+    return unrolled(f"""{enter_finish(schedule, checked)}__syncthreads();
+{leave}{leave_last(schedule, base, final.bias_sums)}__syncthreads();
+{put}{put_last(schedule, base)}""")
 
 
-def enter_finish(plan: WarpgroupPlan | WidePlan, checked: list[int]) -> str:
+def enter_finish(schedule: Hopper64Schedule | Hopper128Pass, checked: list[int]) -> str:
     """Names, `put(i, v)` for what a block leaves, and a check of sums that all have to be finite."""
     values = [f"sums.c[{i}] * 0.0f" for i in checked]
     checks = " + ".join(f"({' + '.join(values[i::8] or ['0.0f'])})" for i in range(8))
@@ -200,15 +202,15 @@ def enter_finish(plan: WarpgroupPlan | WidePlan, checked: list[int]) -> str:
 const unsigned lane = threadIdx.x & 31u, g = lane >> 2, t = lane & 3u, warp = threadIdx.x >> 5;
 const unsigned group = warp >> 2, place = threadIdx.x & 127u;
 real* const total = reinterpret_cast<real*>(memory.data.ptr);
-real* const mine = partial.data + static_cast<size_t>(blockIdx.x) * {plan.slice};
+real* const mine = partial.data + static_cast<size_t>(blockIdx.x) * {schedule.block_sums};
 auto put = [&](unsigned i, real v) {{ mine[i] = add ? mine[i] + v : v; }};
 if (!(loss * 0.0f + {checks} == 0.0f)) flags.data[parity] = 1;
 """
 
 
-def leave_last(plan: WarpgroupPlan | WidePlan, base: int, bias_sums: int) -> str:
+def leave_last(schedule: Hopper64Schedule | Hopper128Pass, base: int, bias_sums: int) -> str:
     """To shared memory: of each of the last layer's biases, as `start` dealt them, and of losses, two floats a warp."""
-    n_out = plan.layers[-1].layout.n
+    n_out = schedule.layers[-1].layout.n
     return f"""real all = loss;
 for (int bit = 16; bit > 1; bit /= 2) all += __shfl_xor_sync(0xffffffffu, all, bit);
 if (lane / 2u < {n_out}u) total[{base} + lane / 2u * 16u + 2u * warp + lane % 2u] = sums.c[{bias_sums}];
@@ -216,11 +218,11 @@ if (lane < 2u) total[{base + 16 * n_out} + 2u * warp + lane] = all;
 """
 
 
-def put_last(plan: WarpgroupPlan | WidePlan, base: int) -> str:
-    final = plan.layers[-1]
+def put_last(schedule: Hopper64Schedule | Hopper128Pass, base: int) -> str:
+    final = schedule.layers[-1]
     return f"""if (threadIdx.x <= {final.layout.n}u) {{
     all = 0.0f;
     for (int i = 0; i < 16; ++i) all += total[{base} + threadIdx.x * 16u + i];
-    put(threadIdx.x < {final.layout.n}u ? {final.bias_first} + threadIdx.x : {plan.floats}u, all);
+    put(threadIdx.x < {final.layout.n}u ? {final.bias_first} + threadIdx.x : {schedule.floats}u, all);
 }}
 """

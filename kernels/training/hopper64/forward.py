@@ -2,7 +2,7 @@
 
 Names as in `kernels.training.mma.forward`, but that a tile `m` is 64 samples, of which each warp has 16 rows. Vectors
 stay in registers from layer to layer, as `wgmma` leaves results the way it takes its first operand. Slots (see
-`warpgroup_plan`) have the layout that both operands of `wgmma` can be read from, with either dimension inside: the
+`hopper64.schedule`) have the layout that both operands of `wgmma` can be read from, with either dimension inside: the
 16-byte units of a row are swizzled by the row's low three bits (PTX ISA, matrix descriptors, 128-byte swizzling). The
 two tiles of a layer take turns: while one is multiplied, the other's results are activated.
 """
@@ -15,8 +15,8 @@ from warp_neural.kernels.coopvec.cuda.primitives import MMA_TYPES
 from warp_neural.kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, round_up
-from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, WarpgroupPlan
-from warp_neural.kernels.training.hopper128.schedule import WidePlan
+from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, Hopper64Schedule
+from warp_neural.kernels.training.hopper128.schedule import Hopper128Pass
 from warp_neural.kernels.training.mma.forward import MEMORY, ones_of, slopes
 
 
@@ -52,12 +52,12 @@ auto publish = []() { asm volatile("fence.proxy.async.shared::cta;" ::: "memory"
 """
 
 
-def enter(spec: NetworkSpec, plan: WarpgroupPlan) -> str:
+def enter(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:
     """Lambdas; addresses of the block's `weights` and of the warpgroup's `area`, and places in its slots."""
     return f"""{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}
 const unsigned warp = __shfl_sync(0xffffffffu, threadIdx.x >> 5, 0), group = warp >> 2;
 const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + 1023u) & ~1023u;
-const unsigned ones = weights + {plan.ones}, area = weights + {plan.areas} + group * {plan.area};
+const unsigned ones = weights + {schedule.ones}, area = weights + {schedule.areas} + group * {schedule.area};
 const unsigned first = (warp & 3u) * 16, upper = lane >> 4;  // row of this warp in a tile; half of the warp
 const unsigned own = upper * 64 + first + (lane & 15u), row = first + (lane & 15u);  // this lane's sample
 const unsigned place = row * {ROW} + ((upper ^ (lane & 7u)) << 4);
@@ -78,19 +78,19 @@ def wait(pending: int, *registers: str) -> str:
 MOST_HELD = 32  # registers of a thread that are read before any is stored
 
 
-def begin(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan) -> str:
+def begin_text(spec: NetworkSpec, schedule: Hopper64Schedule | Hopper128Pass) -> str:
     """`(params, memory)`: stage weights, biases and ones. All threads.
 
     Weights lie in panels of 64 columns, the rows of a panel swizzled as in slots."""
     _, words = network_layout(spec, True)
     text = reads = stores = ""
     width, held = spec.sizes[1], 0
-    for index, layer in enumerate(plan.layers):
+    for index, layer in enumerate(schedule.layers):
         layout, pairs = layer.layout, layer.layout.k_pairs(spec.format)
         units, panel = layout.n_pad // 8 * pairs * 32, round_up(layout.n_pad, 16) * ROW
-        for start in range(0, units, plan.threads):
+        for start in range(0, units, schedule.threads):
             name, inside = f"v_{index}_{start}", f"if (threadIdx.x < {units - start}u) "
-            inside = "" if units - start >= plan.threads else inside
+            inside = "" if units - start >= schedule.threads else inside
             source = f"__ldg(reinterpret_cast<const uint4*>(mine + {layout.weights}) + {start} + threadIdx.x)"
             reads += f"uint4 {name}; {inside}{name} = {source};\n"
             stores += f"{inside}store({name}, {start} + threadIdx.x, {pairs}, {layer.weights}, {panel});\n"
@@ -101,7 +101,7 @@ def begin(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan) -> str:
             for p in range(-(-layout.k_pad // 64)):
                 place = layer.weights + p * panel + layout.n_pad * ROW
                 stores += f"if (threadIdx.x < 64u) reinterpret_cast<uint4*>(shared + {place})[threadIdx.x] = zero;\n"
-        if held >= MOST_HELD or layer is plan.layers[-1]:
+        if held >= MOST_HELD or layer is schedule.layers[-1]:
             text += reads + stores
             reads, stores, held = "", "", 0
     one = ", ".join([ones_of(spec)] * 4)
@@ -109,7 +109,7 @@ def begin(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan) -> str:
 const unsigned* const mine = params.packed.data + static_cast<size_t>(params.network) * {words};
 char* const unaligned = reinterpret_cast<char*>(memory.data.ptr);
 char* const shared = unaligned + (-static_cast<unsigned>(__cvta_generic_to_shared(unaligned)) & 1023u);
-real* const biases = reinterpret_cast<real*>(shared + {plan.biases});
+real* const biases = reinterpret_cast<real*>(shared + {schedule.biases});
 const uint4 zero = make_uint4(0u, 0u, 0u, 0u), one = make_uint4({one});
 auto store = [&](uint4 v, unsigned i, unsigned pairs, unsigned weights, unsigned panel) {{
     const unsigned words[4] = {{v.x, v.y, v.z, v.w}}, pair = i / 32u % pairs, swizzle = 4u * (pair % 2u) ^ g;
@@ -117,7 +117,7 @@ auto store = [&](uint4 v, unsigned i, unsigned pairs, unsigned weights, unsigned
     for (int part = 0; part < 4; ++part) *reinterpret_cast<unsigned*>(row + ((swizzle ^ part) << 4)) = words[part];
 }};
 const unsigned n = threadIdx.x;
-{text}if (threadIdx.x < 128u) reinterpret_cast<uint4*>(shared + {plan.ones})[threadIdx.x] = one;
+{text}if (threadIdx.x < 128u) reinterpret_cast<uint4*>(shared + {schedule.ones})[threadIdx.x] = one;
 asm volatile("fence.proxy.async.shared::cta;" ::: "memory");
 __syncthreads();
 """)
@@ -131,52 +131,52 @@ def bias_value(spec: NetworkSpec, layout: LayerLayout) -> str:
     return f"__uint_as_float(mine[{layout.bias} + n / 16u * 16u + n % 8u / 2u * 4u + n / 8u % 2u * 2u + n % 2u])"
 
 
-def forward(spec: NetworkSpec, plan: WarpgroupPlan, halves: bool) -> str:
+def forward_text(spec: NetworkSpec, schedule: Hopper64Schedule, halves: bool) -> str:
     """`(params, memory, x, kept, start) -> z`, the last layer's pre-activations; keeps each layer's input.
 
     halves: x is float16. kept, start: of networks of 128 neurons, memory and the first sample of a round.
     """
-    final, k_pad, depth = plan.layers[-1].layout, plan.layers[0].layout.k_pad, len(plan.layers) - 1
-    inputs = save_inputs(spec, plan, halves)
+    final, k_pad, depth = schedule.layers[-1].layout, schedule.layers[0].layout.k_pad, len(schedule.layers) - 1
+    inputs = save_inputs(spec, schedule, halves)
     if k_pad < WIDTH:  # the column of ones; beyond 64 columns it lies elsewhere
         inputs += f"save_unit(unit(0, {k_pad // 8}), {', '.join([ones_of(spec)] * 4)});\n"
-    layers = "".join(activate(spec, plan, index) for index in range(depth))
+    layers = "".join(activate(spec, schedule, index) for index in range(depth))
     multiply = wgmma("multiply_hidden", spec, WIDTH, "registers", False)
     multiply += wgmma("multiply_last", spec, final.n_pad, "registers", False)
-    return unrolled(f"""{enter(spec, plan)}{multiply}{read_biases(plan, WIDTH)}{inputs}__syncwarp();
+    return unrolled(f"""{enter(spec, schedule)}{multiply}{read_biases(schedule, WIDTH)}{inputs}__syncwarp();
 unsigned a[2][{WIDTH // 16}][4];
 real d[2][{WIDTH // 2}], z[2][{final.n_pad // 2}];
 for (int m = 0; m < 2; ++m) for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, m, b), a[m][b]);
-for (int m = 0; m < 2; ++m) {{ {products(plan, 0)} }}
+for (int m = 0; m < 2; ++m) {{ {products(schedule, 0)} }}
 {layers}
 for (int m = 0; m < 2; ++m) {{
 if (m == 0) {{ {wait(1, "z[0]")} }} else {{ {wait(0, "z[1]")} }}
-{save_results(plan, "z[m]", "m * 64 + ")}}}
-{read_results(plan)}""")
+{save_results(schedule, "z[m]", "m * 64 + ")}}}
+{read_results(schedule)}""")
 
 
-def save_inputs(spec: NetworkSpec, plan: WarpgroupPlan | WidePlan, halves: bool) -> str:
+def save_inputs(spec: NetworkSpec, schedule: Hopper64Schedule | Hopper128Pass, halves: bool) -> str:
     """This thread's x, to its row of the first slot."""
     text = ""
-    for u in range(plan.layers[0].layout.k_pad // 8):
+    for u in range(schedule.layers[0].layout.k_pad // 8):
         words = (input_word(spec.sizes[0], 8 * u + 2 * t, halves and spec.format is FLOAT16) for t in range(4))
         text += f"save_unit(unit(0, {u}), {', '.join(words)});\n"
     return text
 
 
-def read_biases(plan: WarpgroupPlan | WidePlan, width: int) -> str:
+def read_biases(schedule: Hopper64Schedule | Hopper128Pass, width: int) -> str:
     return f"""auto read_biases = [&](int layer, int j) {{ float2 v;  // of neurons 8 j + 2 t and the next
     asm volatile("ld.shared.v2.f32 {{%0,%1}},[%2];" : "=f"(v.x), "=f"(v.y)
-        : "r"(weights + {plan.biases} + {4 * width} * layer + 32 * j + 8 * t));
+        : "r"(weights + {schedule.biases} + {4 * width} * layer + 32 * j + 8 * t));
     return v; }};
 """
 
 
-def save_results(plan: WarpgroupPlan | WidePlan, z: str, tile: str) -> str:
+def save_results(schedule: Hopper64Schedule | Hopper128Pass, z: str, tile: str) -> str:
     """A tile's accumulators `z` of the last layer, and its biases, to the spare slot; `tile` begins its first row."""
-    return f"""for (int j = 0; j < {plan.layers[-1].layout.n_pad // 8}; ++j) {{
-    const float2 bias = read_biases({len(plan.layers) - 1}, j);
-    const unsigned swizzled = area + {plan.spare} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8;
+    return f"""for (int j = 0; j < {schedule.layers[-1].layout.n_pad // 8}; ++j) {{
+    const float2 bias = read_biases({len(schedule.layers) - 1}, j);
+    const unsigned swizzled = area + {schedule.spare} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8;
     for (int h = 0; h < 2; ++h) asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
         :: "r"(swizzled + ({tile}first + g + 8 * h) * {ROW}), "f"({z}[4 * j + 2 * h] + bias.x),
            "f"({z}[4 * j + 2 * h + 1] + bias.y) : "memory");
@@ -184,12 +184,12 @@ def save_results(plan: WarpgroupPlan | WidePlan, z: str, tile: str) -> str:
 """
 
 
-def read_results(plan: WarpgroupPlan | WidePlan) -> str:
+def read_results(schedule: Hopper64Schedule | Hopper128Pass) -> str:
     """`return` those of this thread's sample."""
-    n_out = plan.layers[-1].layout.n
+    n_out = schedule.layers[-1].layout.n
     text = f"__syncwarp();\nwp::vec_t<{n_out}, real> result;\n"
     for n in range(0, n_out, 4):
-        text += f"{{ unsigned v[4]; load_unit(unit({plan.spare}, {n // 4}), v);\n"
+        text += f"{{ unsigned v[4]; load_unit(unit({schedule.spare}, {n // 4}), v);\n"
         text += "".join(f"result.c[{i}] = __uint_as_float(v[{i % 4}]);\n" for i in range(n, min(n + 4, n_out))) + "}\n"
     return text + "__syncwarp();\nreturn result;\n"
 
@@ -203,9 +203,9 @@ def input_word(n_in: int, k: int, halves: bool) -> str:
     return f"pack({low}, {high})"
 
 
-def products(plan: WarpgroupPlan, index: int) -> str:
+def products(schedule: Hopper64Schedule, index: int) -> str:
     """Layer `index` of tile m, under way as a group."""
-    layer = plan.layers[index]
+    layer = schedule.layers[index]
     multiply = "multiply_last(z[m]" if layer.last else "multiply_hidden(d[m]"
     return f"""begin_products();
 for (int b = 0; b < {layer.layout.k_pad // 16}; ++b)
@@ -214,7 +214,7 @@ commit();
 """
 
 
-def activate(spec: NetworkSpec, plan: WarpgroupPlan, index: int) -> str:
+def activate(spec: NetworkSpec, schedule: Hopper64Schedule, index: int) -> str:
     """Results of layer `index` become the input of the next, whose products begin."""
     values = "d[m][4 * j + 2 * h] + biases[j].x", "d[m][4 * j + 2 * h + 1] + biases[j].y"
     if spec.activation is relu:
@@ -226,7 +226,7 @@ for (int j = 0; j < {WIDTH // 8}; ++j) biases[j] = read_biases({index}, j);
 for (int m = 0; m < 2; ++m) {{
 {wait(1, "d[m]")}
 for (int j = 0; j < {WIDTH // 8}; ++j) for (int h = 0; h < 2; ++h) a[m][j / 2][j % 2 * 2 + h] = {word.format(*values)};
-{products(plan, index + 1)}
+{products(schedule, index + 1)}
 for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({(index + 1) * SLOT}, m, b), a[m][b]);
 }} }}
 """

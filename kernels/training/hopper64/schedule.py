@@ -22,7 +22,7 @@ MAX_SUMS = 120  # registers for sums, of the 255 that a thread can have
 
 
 @dataclass(frozen=True)
-class WarpgroupLayer:
+class Hopper64Layer:
     """weights: where they lie in shared memory, in bytes. sums: the first register of the weights' gradient. first: the
     first of its floats in a block's gradient."""
 
@@ -51,8 +51,8 @@ class WarpgroupLayer:
         return self.first + self.registers * SAMPLES
 
 
-class HopperPlan:
-    """What plans for warpgroups have in common, from `areas`, `area` and `floats`."""
+class HopperSchedule:
+    """What schedules for warpgroups have in common, from `areas`, `area` and `floats`."""
 
     lanes = 32  # of a warp, that have a sample
     reaches_input = True  # whether the gradient of the first layer is among those that a launch computes
@@ -70,17 +70,17 @@ class HopperPlan:
         return (1024 + self.ones + 16 * ROW) // 4
 
     @property
-    def slice(self) -> int:
+    def block_sums(self) -> int:
         """Floats that a block leaves: its gradient and, at `floats`, its loss."""
         return self.floats + 4
 
 
 @dataclass(frozen=True)
-class WarpgroupPlan(HopperPlan):
+class Hopper64Schedule(HopperSchedule):
     """Offsets in bytes from the first multiple of 1024 in shared memory: all weights, biases as float32, each
     warpgroup's area, ones. sums: registers. floats: of a block's gradient."""
 
-    layers: tuple[WarpgroupLayer, ...]
+    layers: tuple[Hopper64Layer, ...]
     biases: int
     sums: int
     floats: int
@@ -116,16 +116,16 @@ def takes(spec: NetworkSpec, width: int) -> bool:
     return sizes and spec.format in (FLOAT16, BFLOAT16) and spec.activation in activations
 
 
-def make_warpgroup_plan(spec: NetworkSpec) -> WarpgroupPlan | None:
+def make_schedule(spec: NetworkSpec) -> Hopper64Schedule | None:
     """None for a network that is not trained this way."""
     if not takes(spec, WIDTH):
         return None
     weights, sums, first, layers = 0, 0, 0, []
     layouts, _ = network_layout(spec, True)
     for index, layout in enumerate(layouts):
-        layer = WarpgroupLayer(layout, index == len(layouts) - 1, weights, sums, first)
+        layer = Hopper64Layer(layout, index == len(layouts) - 1, weights, sums, first)
         weights += round_up(layout.n_pad, 16) * ROW
         sums = layer.bias_sums + (1 if layer.last else 4)
         first = layer.bias_first + layout.n_pad
         layers.append(layer)
-    return WarpgroupPlan(tuple(layers), weights, sums, first) if sums <= MAX_SUMS else None
+    return Hopper64Schedule(tuple(layers), weights, sums, first) if sums <= MAX_SUMS else None

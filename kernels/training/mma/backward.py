@@ -2,7 +2,7 @@
 
 Names as in `kernels.training.mma.forward`. Layer by layer from the last: `dz`, the gradient to its pre-activations,
 lies in the areas of all warps; each warp multiplies its own by the weights for the layer before, and everyone's
-by the layer's inputs for its own tasks of the weights' gradient (see `plan`), which it keeps in registers.
+by the layer's inputs for its own tasks of the weights' gradient (see `schedule`), which it keeps in registers.
 """
 
 from collections.abc import Callable
@@ -11,12 +11,12 @@ from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import C_TYPES, NetworkSpec
 from warp_neural.kernels.training.mma.forward import LIFTED, enter
-from warp_neural.kernels.training.mma.schedule import Plan
+from warp_neural.kernels.training.mma.schedule import MmaSchedule
 
 
-def start(spec: NetworkSpec, plan: Plan) -> str:
+def start(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """The last layer's dz of each thread's own sample to the area."""
-    final, n_out = plan.layers[-1], spec.sizes[-1]
+    final, n_out = schedule.layers[-1], spec.sizes[-1]
     text = ""
     for u in range(2 * final.n_blocks):
         pairs = [(8 * u + 2 * t, 8 * u + 2 * t + 1) for t in range(4)]
@@ -26,29 +26,29 @@ def start(spec: NetworkSpec, plan: Plan) -> str:
     return text
 
 
-def upper_layers(spec: NetworkSpec, plan: Plan) -> str:
+def upper_layers_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """`(memory, sums, z, dy) -> sums`: all layers but the first; dy is of the activated results. All threads."""
-    layers = "".join(backward_layer(spec, plan, index, True) for index in reversed(range(1, len(plan.layers))))
-    return unrolled(f"{enter(spec, plan)}auto sum = sums;\n{start(spec, plan)}{layers}return sum;\n")
+    layers = "".join(backward_layer(spec, schedule, index, True) for index in reversed(range(1, len(schedule.layers))))
+    return unrolled(f"{enter(spec, schedule)}auto sum = sums;\n{start(spec, schedule)}{layers}return sum;\n")
 
 
-def first_layer(spec: NetworkSpec, plan: Plan, input_gradient: bool) -> str:
+def first_layer_text(spec: NetworkSpec, schedule: MmaSchedule, input_gradient: bool) -> str:
     """`(memory, sums) -> sums`: the first layer; `input_gradient` leaves dx in the area. All threads."""
-    layer = backward_layer(spec, plan, 0, input_gradient)
-    return unrolled(f"{enter(spec, plan)}auto sum = sums;\n{layer}{plan.barrier}\nreturn sum;\n")
+    layer = backward_layer(spec, schedule, 0, input_gradient)
+    return unrolled(f"{enter(spec, schedule)}auto sum = sums;\n{layer}{schedule.barrier}\nreturn sum;\n")
 
 
-def backward_layer(spec: NetworkSpec, plan: Plan, index: int, go_on: bool) -> str:
+def backward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int, go_on: bool) -> str:
     """Layer `index`, whose dz, of the whole block, lies in the areas after the barrier."""
-    text = input_products(spec, plan, index) if go_on else ""
-    return f"{plan.barrier}\n{{\n{text}{weight_products(spec, plan, index)}}}\n"
+    text = input_products(spec, schedule, index) if go_on else ""
+    return f"{schedule.barrier}\n{{\n{text}{weight_products(spec, schedule, index)}}}\n"
 
 
-def input_products(spec: NetworkSpec, plan: Plan, index: int) -> str:
+def input_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
     """dh = dz W, times the slope of the layer before: that layer's dz, saved."""
-    layer = plan.layers[index]
+    layer = schedule.layers[index]
     pairs, tiles, blocks = layer.layout.k_pairs(spec.format), layer.layout.n_pad // 8, layer.k_blocks
-    target = 4 * (plan.layers[index - 1].dz if index else plan.dx)
+    target = 4 * (schedule.layers[index - 1].dz if index else schedule.dx)
     word = "pack(dh[m][2 * b + r / 2][r % 2 * 2], dh[m][2 * b + r / 2][r % 2 * 2 + 1])"
     if index == 0 or spec.activation is linear:
         word, kept = f"previous[r] = {word};", ""
@@ -87,14 +87,14 @@ for (int m = 0; m < 2; ++m) for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}
 """
 
 
-def weight_products(spec: NetworkSpec, plan: Plan, index: int) -> str:
-    """Add this warp's units of dZ^T H over its part of the block's samples to `sum`, loading one step ahead.
+def weight_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
+    """Add this warp's units of dZ^T H over its split of the block's samples to `sum`, loading one step ahead.
 
-    Warps of different columns start at different samples, so that each adds the biases of another share of them.
+    Warps of different columns start at different samples, so that each adds the biases of others of them.
     """
-    layer = plan.layers[index]
+    layer = schedule.layers[index]
     rows, columns, groups = layer.rows, layer.columns, layer.column_groups
-    samples = plan.warps // layer.parts
+    samples = schedule.warps // layer.splits
     shared_bias = samples % groups == 0
     restore = ""
     if index > 0 and spec.activation not in LIFTED:
@@ -102,14 +102,14 @@ def weight_products(spec: NetworkSpec, plan: Plan, index: int) -> str:
             "for (int r = 0; r < 4; ++r) h[now][c][r] = pack(hidden(low(h[now][c][r])), hidden(high(h[now][c][r])));"
         )
     one = f"g == {index % 8}" if shared_bias else f"g == {index % 8} && turn == 0"
-    return f"""{"" if layer.tasks * layer.parts == plan.warps else f"if (warp < {layer.tasks * layer.parts}u)"} {{
-const unsigned task = warp % {layer.tasks}u, part = warp / {layer.tasks}u, turn = task % {groups}u;
+    return f"""{"" if layer.tasks * layer.splits == schedule.warps else f"if (warp < {layer.tasks * layer.splits}u)"} {{
+const unsigned task = warp % {layer.tasks}u, split = warp / {layer.tasks}u, turn = task % {groups}u;
 const unsigned one = {one} ? ones : 0u;  // the biases of layer l meet in column l % 8 of one product
 const unsigned dz = areas + {4 * layer.dz} + task / {groups}u * {rows * 512} - lane * 16 + turned;
 const unsigned from = areas + {4 * layer.h} + turn * {columns * 512};
 unsigned d[2][{rows}][4], h[2][{columns}][4];
 auto fetch = [&](int i, unsigned (&d)[{rows}][4], unsigned (&h)[{columns}][4]) {{
-    const unsigned s = (part * {samples} + (i / 2 + turn) % {samples}) * {4 * plan.area}, m = i % 2;
+    const unsigned s = (split * {samples} + (i / 2 + turn) % {samples}) * {4 * schedule.area}, m = i % 2;
     for (int row = 0; row < {rows}; ++row) load_transposed(dz + s + (m * {layer.n_blocks} + row) * 512, d[row]);
     for (int c = 0; c < {columns}; ++c) load_transposed(from + s + (m * {layer.k_blocks} + c) * 512, h[c]);
 }};
@@ -126,18 +126,18 @@ for (int i = 0; i < {2 * samples}; ++i) {{
         }}
     }}
     if ({f"i / 2 % {groups} == 0" if shared_bias else "true"}) for (int row = 0; row < {rows}; ++row) {{
-        real (&db)[4] = *reinterpret_cast<real (*)[4]>(sum.c + {plan.bias_sums(index)} + row * 4);
+        real (&db)[4] = *reinterpret_cast<real (*)[4]>(sum.c + {schedule.bias_sums(index)} + row * 4);
         multiply_add(db, db, d[now][row], one, one);
     }}
 }} }}
 """
 
 
-def input_gradient(spec: NetworkSpec, plan: Plan, dtype: type) -> str:
+def input_gradient_text(spec: NetworkSpec, schedule: MmaSchedule, dtype: type) -> str:
     """`(memory) -> dx`, a vector of `dtype`, of this thread's sample, as `first_layer` left it."""
-    blocks = plan.layers[0].k_blocks
-    take = take_dx(spec.sizes[0], dtype, lambda u: f"own_unit(area + {4 * plan.dx}, {blocks}, {u})")
-    return unrolled(f"{enter(spec, plan)}{take}return dx;\n")
+    blocks = schedule.layers[0].k_blocks
+    take = take_dx(spec.sizes[0], dtype, lambda u: f"own_unit(area + {4 * schedule.dx}, {blocks}, {u})")
+    return unrolled(f"{enter(spec, schedule)}{take}return dx;\n")
 
 
 def take_dx(n_in: int, dtype: type, address: Callable[[int], str]) -> str:

@@ -5,7 +5,7 @@ Names as in `kernels.coopvec.cuda.fragments`: samples are rows (32 a warp, tiles
 bytes, each lane's 16 bytes beside its neighbours', so that no access meets a bank conflict: matrix r of block (m, b)
 holds the rows of half r % 2 and the columns of half r / 2, register r of an A operand.
 
-The functions share registers (`sums`, which the kernel passes along) and shared memory (`plan.Plan`).
+The functions share registers (`sums`, which the kernel passes along) and shared memory (`schedule.MmaSchedule`).
 """
 
 from warp_neural.kernels.coopvec.cuda import network as cuda
@@ -14,7 +14,7 @@ from warp_neural.kernels.coopvec.cuda.fragments import group_of, pre_activation,
 from warp_neural.kernels.coopvec.layout import network_layout
 from warp_neural.kernels.nn.activations import leaky_relu, linear, relu
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
-from warp_neural.kernels.training.mma.schedule import Plan
+from warp_neural.kernels.training.mma.schedule import MmaSchedule
 
 LIFTED = (relu, leaky_relu, linear)  # activations whose derivative at f(z) is that at z: f(z) is kept, else z
 
@@ -32,13 +32,13 @@ def slopes(spec: NetworkSpec) -> str:
     )
 
 
-def enter(spec: NetworkSpec, plan: Plan) -> str:
+def enter(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and `place` (of this lane in it)."""
     add = primitives.mma("multiply_add", spec.format, "real")
     return f"""{primitives.prelude(spec)}{add}{slopes(spec)}{MEMORY}{PLACES}
 const unsigned ones = {ones_of(spec)}, warp = threadIdx.x >> 5;
 const unsigned weights = static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + lane * 16;
-const unsigned areas = weights + {4 * plan.weights}, area = areas + warp * {4 * plan.area};
+const unsigned areas = weights + {4 * schedule.weights}, area = areas + warp * {4 * schedule.area};
 """
 
 
@@ -82,11 +82,11 @@ auto own_unit = [&](unsigned slot, int blocks, int u) {
 """
 
 
-def begin(spec: NetworkSpec, plan: Plan) -> str:
+def begin_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """`(params, memory)`: stage the weights, 8 x 8 matrices in the order of the packed buffer. All threads."""
     _, words = network_layout(spec, True)
     copies = "".join(
-        f"""for (int i = 0; i < {layer.layout.bias - layer.layout.weights}; i += {4 * plan.threads}) {{
+        f"""for (int i = 0; i < {layer.layout.bias - layer.layout.weights}; i += {4 * schedule.threads}) {{
     const unsigned word = i + 4 * threadIdx.x;
     if (word < {layer.layout.bias - layer.layout.weights}u) {{
         const uint4 v = __ldg(reinterpret_cast<const uint4*>(mine + {layer.layout.weights} + word));
@@ -95,7 +95,7 @@ def begin(spec: NetworkSpec, plan: Plan) -> str:
     }}
 }}
 """
-        for layer in plan.layers
+        for layer in schedule.layers
     )
     return unrolled(f"""const unsigned* mine = params.packed.data + static_cast<size_t>(params.network) * {words};
 unsigned* target = reinterpret_cast<unsigned*>(memory.data.ptr);
@@ -103,39 +103,39 @@ unsigned* target = reinterpret_cast<unsigned*>(memory.data.ptr);
 """)
 
 
-def forward(spec: NetworkSpec, plan: Plan) -> str:
+def forward_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """`(params, memory, x) -> z`, the last layer's pre-activations; keeps each layer's input in the warp's area."""
-    n_in, n_out, blocks = spec.sizes[0], spec.sizes[-1], plan.layers[0].k_blocks
+    n_in, n_out, blocks = spec.sizes[0], spec.sizes[-1], schedule.layers[0].k_blocks
     _, words = network_layout(spec, True)
     units = []
     for u in range(2 * blocks):
         pairs = [(8 * u + 2 * t, 8 * u + 2 * t + 1) for t in range(4)]
         values = [[f"static_cast<real>(x.c[{k}])" if k < n_in else "0.0f" for k in pair] for pair in pairs]
         units.append([f"pack({low}, {high})" for low, high in values])
-    body = f"""{enter(spec, plan)}
+    body = f"""{enter(spec, schedule)}
 const unsigned* base = params.packed.data + static_cast<size_t>(params.network) * {words};
 const unsigned* const row[4] = {{base, base, base, base}};
 const unsigned at = 0u;
-unsigned a[2][{max(layer.k_blocks for layer in plan.layers)}][4];
+unsigned a[2][{max(layer.k_blocks for layer in schedule.layers)}][4];
 {"".join(f"save_unit(own_unit(area, {blocks}, {u}), {', '.join(unit)});" for u, unit in enumerate(units))}
 __syncwarp();
 for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) load(area + (m * {blocks} + b) * 512, a[m][b]);
-{"".join(forward_layer(spec, plan, index) for index in range(len(plan.layers)))}
+{"".join(forward_layer(spec, schedule, index) for index in range(len(schedule.layers)))}
 __syncwarp();
 wp::vec_t<{n_out}, real> result;
-{"".join(read_result(plan, n_out, j) for j in range(plan.layers[-1].layout.n_pad // 8))}
+{"".join(read_result(schedule, n_out, j) for j in range(schedule.layers[-1].layout.n_pad // 8))}
 return result;
 """
     return unrolled(body)
 
 
-def forward_layer(spec: NetworkSpec, plan: Plan, index: int) -> str:
-    layer, is_last = plan.layers[index], index == len(plan.layers) - 1
+def forward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
+    layer, is_last = schedule.layers[index], index == len(schedule.layers) - 1
     layout, tiles = layer.layout, layer.layout.n_pad // 8
     group, blocks = group_of(tiles), layer.k_blocks
     kind, registers = primitives.accumulator(spec)
     if is_last:
-        address = f"area + {4 * plan.output} - lane * 8 + ((m * {tiles} + j0 + j) * 2 + h) * 256"
+        address = f"area + {4 * schedule.output} - lane * 8 + ((m * {tiles} + j0 + j) * 2 + h) * 256"
         finish = f"""asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
     :: "r"({address}), "f"(z_value(m, j, h, 0)), "f"(z_value(m, j, h, 1)) : "memory");"""
         declare = copy = ""
@@ -147,7 +147,7 @@ def forward_layer(spec: NetworkSpec, plan: Plan, index: int) -> str:
             z = "d[m][j][h]" if spec.accumulation == "float16" else "pack(z_value(m, j, h, 0), z_value(m, j, h, 1))"
             finish += f" z[m][(j0 + j) / 2][(j0 + j) % 2 * 2 + h] = {z};"
         copy = f"""for (int m = 0; m < 2; ++m) for (int b = 0; b < {tiles // 2}; ++b) {{
-    save(area + {4 * plan.layers[index + 1].h} + (m * {tiles // 2} + b) * 512, {kept}[m][b]);
+    save(area + {4 * schedule.layers[index + 1].h} + (m * {tiles // 2} + b) * 512, {kept}[m][b]);
     for (int r = 0; r < 4; ++r) a[m][b][r] = next[m][b][r];
 }}"""
     return f"""{{ {declare}
@@ -170,11 +170,11 @@ for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) for (int h = 0; h 
 """
 
 
-def read_result(plan: Plan, n_out: int, j: int) -> str:
+def read_result(schedule: MmaSchedule, n_out: int, j: int) -> str:
     """Columns 8 j .. 8 j + 7 of this lane's own row of results."""
-    tiles = plan.layers[-1].layout.n_pad // 8
+    tiles = schedule.layers[-1].layout.n_pad // 8
     text = f"""{{ unsigned v[4];
-const unsigned from = area - lane * 16 + {4 * plan.output}
+const unsigned from = area - lane * 16 + {4 * schedule.output}
     + (((lane >> 4) * {tiles} + {j}) * 2 + (lane >> 3 & 1u)) * 256 + (lane & 7u) * 32;
 """
     for half in range(2):

@@ -3,7 +3,7 @@
 Every warp takes 32 samples through all layers by itself. The gradient of a layer's weights, dW = dZ^T H, has the
 samples of the whole block as its inner dimension: its 16 x 16 units are dealt to the warps ("tasks" of rows x columns
 units), so that each warp holds only its tasks' sums in registers for as long as the launch lasts. A layer with fewer
-tasks than warps splits the samples as well ("parts").
+tasks than warps splits the samples as well ("splits").
 """
 
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ CHOICES = ((8, 124), (4, 208))  # warps of a block, and the float32 registers a 
 
 
 @dataclass(frozen=True)
-class LayerPlan:
-    """One layer: `rows` x `columns` units a task, `parts` of the samples. Offsets in 32-bit words: `weights` in shared
+class MmaLayer:
+    """One layer: `rows` x `columns` units a task, `splits` of the samples. Offsets in 32-bit words: `weights` in shared
     memory, `dz` and `h` (the layer's input) in a warp's area, `sums` in a lane's registers, `first` in the block's
-    gradient, `copies` in shared memory where the parts' gradients meet.
+    gradient, `copies` in shared memory where the splits' gradients meet.
     """
 
     layout: LayerLayout
     rows: int
     columns: int
-    parts: int
+    splits: int
     weights: int
     h: int
     dz: int
@@ -61,22 +61,22 @@ class LayerPlan:
 
     @property
     def bias_copies(self) -> int:
-        return self.copies + self.parts * self.weight_floats
+        return self.copies + self.splits * self.weight_floats
 
     @property
     def end(self) -> int:
         """Of the copies."""
-        return self.bias_copies + self.parts * self.column_groups * self.n_blocks * 16
+        return self.bias_copies + self.splits * self.column_groups * self.n_blocks * 16
 
 
 @dataclass(frozen=True)
-class Plan:
+class MmaSchedule:
     """warps: of a block. weights: words of shared memory for all weights, after which each warp has `area` words, with
     results at `output` and the gradient to the network's input at `dx`. sums: registers a lane, those of the biases
     last. floats: of one block's gradient, in the order of the accumulators.
     """
 
-    layers: tuple[LayerPlan, ...]
+    layers: tuple[MmaLayer, ...]
     warps: int
     weights: int
     area: int
@@ -99,7 +99,7 @@ class Plan:
         return 32 * self.warps
 
     lanes = 32  # of a warp, that have a sample
-    reaches_input = True  # as of `warpgroup_plan.HopperPlan`
+    reaches_input = True  # as of `hopper64.schedule.HopperSchedule`
     lower = None
 
     def bias_sums(self, index: int) -> int:
@@ -110,28 +110,28 @@ class Plan:
     @property
     def barrier(self) -> str:
         """Before a warp reads what others wrote; where every warp takes all units, each reads only its own."""
-        return "__syncwarp();" if all(layer.parts == self.warps for layer in self.layers) else "__syncthreads();"
+        return "__syncwarp();" if all(layer.splits == self.warps for layer in self.layers) else "__syncthreads();"
 
     @property
-    def slice(self) -> int:
+    def block_sums(self) -> int:
         """Floats that a block leaves: its gradient and, at `floats`, its loss."""
         return self.floats + 4
 
 
-def share(n_blocks: int, k_blocks: int, warps: int, limit: int) -> tuple[int, int, int] | None:
-    """(rows, columns, parts) of a task with at most `limit` units: the shortest time, then the fewest loads."""
+def split_work(n_blocks: int, k_blocks: int, warps: int, limit: int) -> tuple[int, int, int] | None:
+    """(rows, columns, splits) of a task with at most `limit` units: the shortest time, then the fewest loads."""
     choices = []
     for rows in (r for r in range(1, n_blocks + 1) if n_blocks % r == 0):
         for columns in (c for c in range(1, k_blocks + 1) if k_blocks % c == 0):
             tasks = n_blocks // rows * (k_blocks // columns)
             if tasks <= warps and rows * columns <= limit:
-                parts = 1 << (warps // tasks).bit_length() - 1
-                choices.append((rows * columns / parts, (rows + columns) / parts, rows, columns, parts))
+                splits = 1 << (warps // tasks).bit_length() - 1
+                choices.append((rows * columns / splits, (rows + columns) / splits, rows, columns, splits))
     return min(choices)[2:] if choices else None
 
 
 @cache
-def make_plan(spec: NetworkSpec, shared_bytes: int = HOPPER_BYTES) -> Plan | None:
+def make_schedule(spec: NetworkSpec, shared_bytes: int = HOPPER_BYTES) -> MmaSchedule | None:
     """For a device whose blocks have so much shared memory.
 
     None where the fused kernel does not apply: other formats than 16 bits, or sums or vectors that do not fit.
@@ -140,13 +140,13 @@ def make_plan(spec: NetworkSpec, shared_bytes: int = HOPPER_BYTES) -> Plan | Non
         return None
     for warps, most_sums in CHOICES:
         for limit in (16, 8, 4, 2, 1):
-            plan = plan_with(spec, warps, limit)
-            if plan and plan.words * 4 + SPARE_BYTES <= shared_bytes and plan.sums <= most_sums:
-                return plan
+            schedule = schedule_with(spec, warps, limit)
+            if schedule and schedule.words * 4 + SPARE_BYTES <= shared_bytes and schedule.sums <= most_sums:
+                return schedule
     return None
 
 
-def plan_with(spec: NetworkSpec, warps: int, limit: int) -> Plan | None:
+def schedule_with(spec: NetworkSpec, warps: int, limit: int) -> MmaSchedule | None:
     layouts, _ = network_layout(spec, True)
     count = len(layouts)
     slot = 16 * max(layout.k_pad for layout in layouts)  # words of 32 samples' vectors
@@ -154,17 +154,17 @@ def plan_with(spec: NetworkSpec, warps: int, limit: int) -> Plan | None:
     extra = max(slot, 32 * layouts[-1].n_pad)  # where results lie as float32
     # dz of a layer replaces the input of the layer after the next, which no warp reads any more by then
     dz = [(l + 2) * slot for l in range(count - 2)] + [output] * (count > 1) + [output + extra]
-    weights, sums, first, plans = 0, 0, 0, []
+    weights, sums, first, layers = 0, 0, 0, []
     for l, layout in enumerate(layouts):
         n_blocks, k_blocks = round_up(layout.n_pad, 16) // 16, layout.k_pad // 16
-        shared = share(n_blocks, k_blocks, warps, limit)
+        shared = split_work(n_blocks, k_blocks, warps, limit)
         if shared is None:
             return None
-        plan = LayerPlan(layout, *shared, weights, l * slot, dz[l], sums, first, plans[-1].end if plans else 0)
+        layer = MmaLayer(layout, *shared, weights, l * slot, dz[l], sums, first, layers[-1].end if layers else 0)
         weights += layout.bias - layout.weights
-        sums += plan.rows * plan.columns * 8
-        first += plan.weight_floats + n_blocks * 16
-        plans.append(plan)
-    sums += 4 * max(plan.rows for plan in plans) * -(-count // 8)
+        sums += layer.rows * layer.columns * 8
+        first += layer.weight_floats + n_blocks * 16
+        layers.append(layer)
+    sums += 4 * max(layer.rows for layer in layers) * -(-count // 8)
     area = output + extra + 16 * round_up(layouts[-1].n_pad, 16)
-    return Plan(tuple(plans), warps, weights, area, slot if count > 1 else output, output, sums, first)
+    return MmaSchedule(tuple(layers), warps, weights, area, slot if count > 1 else output, output, sums, first)

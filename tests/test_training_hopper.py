@@ -11,9 +11,9 @@ from warp_neural import activations, encodings
 from warp_neural.kernels.nn.losses import l2
 from warp_neural.kernels.nn.spec import BFLOAT16, NetworkSpec
 from warp_neural.kernels.training.fused import make_gradient_kernel
-from warp_neural.kernels.training.hopper64.schedule import make_warpgroup_plan
+from warp_neural.kernels.training.hopper64 import schedule as hopper64
+from warp_neural.kernels.training.hopper128 import schedule as hopper128
 from warp_neural.kernels.training.hopper128.lower_step import make_lower_kernel
-from warp_neural.kernels.training.hopper128.schedule import make_wide_plan
 from warp_neural.train.layout import fragment_order
 from warp_neural.train.optim import SGD
 
@@ -60,17 +60,17 @@ def test_batches_grow_and_add_up(device, width, depth):
         run.run(1, quiet=True)
 
 
-def plan_of(spec: NetworkSpec):
-    return make_warpgroup_plan(spec) or make_wide_plan(spec)
+def schedule_of(spec: NetworkSpec):
+    return hopper64.make_schedule(spec) or hopper128.make_schedule(spec)
 
 
 @pytest.mark.parametrize("sizes", [(64, 64, 64, 64, 16), (3, 64, 1), (128, 128, 128, 128, 16), (70, 128, 128, 9)])
 def test_every_parameter_has_one_place_in_one_pass(sizes):
     spec = NetworkSpec(sizes)
-    plan = plan_of(spec)
-    order = fragment_order(plan)
+    schedule = schedule_of(spec)
+    order = fragment_order(schedule)
     assert sorted(order[order >= 0]) == list(range(spec.n_parameters))
-    passes = [plan, plan.lower] if plan.lower else [plan]
+    passes = [schedule, schedule.lower] if schedule.lower else [schedule]
     assert all(p.words * 4 <= (227 - 15) * 1024 and p.sums <= 136 for p in passes)
     if sizes[1] == 128:
         assert sorted(index for p in passes for index in p.gradients) == list(range(len(sizes) - 1))
@@ -88,10 +88,10 @@ def point(index: int, random: wp.uint32):
 def test_compiles_for_hopper(width, depth, tmp_path, monkeypatch):
     monkeypatch.setattr(wp.config, "cuda_arch_suffix", "a")
     spec = NetworkSpec((40, *[width] * depth, 3), format=BFLOAT16)
-    plan = plan_of(spec)
-    kernels = [make_gradient_kernel(spec, plan, point, l2)]
-    if plan.lower:
-        kernels += [make_lower_kernel(spec, plan.lower, by_rows) for by_rows in (False, True)]
+    schedule = schedule_of(spec)
+    kernels = [make_gradient_kernel(spec, schedule, point, l2)]
+    if schedule.lower:
+        kernels += [make_lower_kernel(spec, schedule.lower, from_encoded) for from_encoded in (False, True)]
     for i, kernel in enumerate(kernels):
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / f"{i}")
         assert artifact.suffixes == [".sm90a", ".cubin"]

@@ -1,4 +1,4 @@
-"""Encodings for CUDA kernels of many samples: a thread has one share of the results, or one of the lanes of a share.
+"""Encodings for CUDA kernels of many samples: a thread has one part of the results, or one of the lanes of a part.
 
 `leaf` is what is encoded; its parameters start `start` floats into `params.master`.
 """
@@ -18,44 +18,44 @@ SUM_LANES = f"""#if defined(__CUDA_ARCH__)
 """
 
 
-def each_share(leaf: Leaf, text: str) -> str:
-    """`text` of share `which`, a constant in it."""
-    shares, lanes = leaf.encoding.shares, leaf.encoding.lanes
-    begin = f"constexpr int shares = {shares}, lanes = {lanes};\nconst int lane = of & {lanes - 1};\n"
-    return begin + "".join(f"if (which == {s}) {{\nconstexpr int share = {s};\n{text}}}\n" for s in range(shares))
+def each_part(leaf: Leaf, text: str) -> str:
+    """`text` of part `which`, a constant in it."""
+    parts, lanes = leaf.encoding.n_parts, leaf.encoding.lanes
+    begin = f"constexpr int parts = {parts}, lanes = {lanes};\nconst int lane = of & {lanes - 1};\n"
+    return begin + "".join(f"if (which == {s}) {{\nconstexpr int part = {s};\n{text}}}\n" for s in range(parts))
 
 
-def vec_share(leaf: Leaf) -> type:
-    return wp.types.vector(leaf.encoding.n_out(len(leaf.inputs)) // leaf.encoding.shares, wp.float32)
+def vec_part(leaf: Leaf) -> type:
+    return wp.types.vector(leaf.encoding.n_out(len(leaf.inputs)) // leaf.encoding.n_parts, wp.float32)
 
 
 @cache
-def make_encode_share(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
-    """`(params, x, which, of) -> the share's results`, by its lanes together: whole warps. of: which lane."""
-    vec_out, n_in = vec_share(leaf), len(leaf.inputs)
-    text = "real* const out = y.c;\n" + leaf.encoding.forward(n_in, gcd(start, 4)) + SUM_LANES
+def make_encode_part(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
+    """`(params, x, which, of) -> the part's results`, by its lanes together: whole warps. of: which lane."""
+    vec_out, n_in = vec_part(leaf), len(leaf.inputs)
+    text = "real* const out = y.c;\n" + leaf.encoding.encode_text(n_in, gcd(start, 4)) + SUM_LANES
     begin = enter(leaf.inputs, start, 0) + f"wp::vec_t<{vec_out._length_}, real> y;\n"
 
-    @wp.func_native(begin + each_share(leaf, text) + "return y;\n")
+    @wp.func_native(begin + each_part(leaf, text) + "return y;\n")
     def encode(params: Parameters, x: vec_in, which: int, of: int) -> vec_out: ...
 
     return encode
 
 
-def adjoint_text(leaf: Leaf, start: int) -> str:
+def leaf_adjoint_text(leaf: Leaf, start: int) -> str:
     n_in = len(leaf.inputs)
     begin = f"real d_in[{n_in}] = {{}};\nconst real* const d_out = dy.c;\n"
-    return begin + leaf.encoding.adjoint(n_in, gcd(start, 4))
+    return begin + leaf.encoding.adjoint_text(n_in, gcd(start, 4))
 
 
 @cache
-def make_adjoint_share(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
-    """`(params, x, dy, which, of)`: adds to `params.master.grad`, but for what is crowded; of: which lane."""
-    vec_out = vec_share(leaf)
+def make_adjoint_part(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
+    """`(params, x, dy, which, of)`: adds to `params.master.grad`, but for shared sums; of: which lane."""
+    vec_out = vec_part(leaf)
     begin = enter(leaf.inputs, start, 0) + "real* const grad = params.master.grad + start;\n" + ADD
-    begin += "constexpr bool crowded = false, others = true;\n"
+    begin += "constexpr bool shared_sums = false, direct_sums = true;\n"
 
-    @wp.func_native(begin + each_share(leaf, adjoint_text(leaf, start)))
+    @wp.func_native(begin + each_part(leaf, leaf_adjoint_text(leaf, start)))
     def adjoint(params: Parameters, x: vec_in, dy: vec_out, which: int, of: int): ...
 
     return adjoint
@@ -68,25 +68,25 @@ auto add4 = [](real* a, real x, real y, real z, real w) {
 """
 
 
-class Crowd(NamedTuple):
-    """Native functions by which a block sums the gradients of what is crowded; `memory` is a tile of floats."""
+class SharedSums(NamedTuple):
+    """Native functions for `Encoding.shared_sums` of a block; `memory` is a tile of as many floats."""
 
     clear: wp.Function  # (memory), whole blocks
-    add: wp.Function  # (params, memory, x, dy) of a sample, all its shares
+    add: wp.Function  # (params, memory, x, dy) of a sample, all its parts
     flush: wp.Function  # (params, memory), whole blocks: adds the sums to `params.master.grad`
 
 
 @cache
-def make_crowd(leaf: Leaf, vec_in: type, start: int) -> Crowd:
+def make_shared_sums(leaf: Leaf, vec_in: type, start: int) -> SharedSums:
     n_in = len(leaf.inputs)
-    n, vec_out = leaf.encoding.crowded(n_in), wp.types.vector(leaf.encoding.n_out(n_in), wp.float32)
+    n, vec_out = leaf.encoding.shared_sums(n_in), wp.types.vector(leaf.encoding.n_out(n_in), wp.float32)
     memory_of = wp.tile(dtype=wp.float32, shape=(n,))
     width = gcd(n, start, 4)
     values = ", ".join(f"sums[k + {c}]" for c in range(width))
     each = f"for (int k = threadIdx.x * {width}; k < {n}; k += blockDim.x * {width})"
     clear = f"{each} for (int c = 0; c < {width}; ++c) memory.data.ptr[k + c] = 0.0f;\n__syncthreads();\n"
-    add = WHOLE.replace("others = true", "others = false") + enter(leaf.inputs, start, 0)
-    add += f"real* const grad = memory.data.ptr;\n{ADD_SHARED}{adjoint_text(leaf, start)}"
+    add = WHOLE.replace("direct_sums = true", "direct_sums = false") + enter(leaf.inputs, start, 0)
+    add += f"real* const grad = memory.data.ptr;\n{ADD_SHARED}{leaf_adjoint_text(leaf, start)}"
     flush = f"""using real = wp::float32;
 real* const grad = params.master.grad + {start};
 const real* const sums = memory.data.ptr;
@@ -108,4 +108,4 @@ __syncthreads();
     @wp.func_native(flush)
     def flush(params: Parameters, memory: memory_of): ...
 
-    return Crowd(clear, add, flush)
+    return SharedSums(clear, add, flush)

@@ -33,7 +33,7 @@ def state(run):
 @pytest.mark.parametrize(
     "kind, encoding, fused",
     [("adam", SPARSE, None), ("sgd", SPARSE, None), ("adam", SPARSE, False), ("adam", DENSE, None)],
-    ids=["adam", "sgd", "general", "dense"],
+    ids=["adam", "sgd", "taped", "dense"],
 )
 def test_steps(device, kind, encoding, fused):
     """2e-5: the power of beta2 and the square of the gradient are rounded to float32."""
