@@ -48,7 +48,7 @@ def store(net: MLP, layout: str) -> tuple[Stored, list[Layer]]:
     stored, words, biases, layers = Stored(), [np.zeros(0, np.uint32)], [], []
     rows = np.zeros((len(net.weights), 64), np.float16)
     for i, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
-        spec = MatrixSpec(*w.shape, net.spec.format, layout, dtype=wp.float16, accumulation="float16", bias="float16")
+        spec = MatrixSpec(*w.shape, net.precision, layout, dtype=wp.float16, accumulation="float16", bias="float16")
         layers.append(Layer(spec, i, 4 * sum(map(len, words)), rows[0].nbytes * i, i < len(net.weights) - 1))
         packed = pack_matrix(w, "float16", layout)
         words.append(np.pad(packed, (0, -len(packed) % 16)))

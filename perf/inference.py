@@ -58,7 +58,7 @@ def measure_shade(bench: Bench, row: str, column: str, net: MLP, n: int, block: 
     for kernel in kernels:
         launch = lambda: wp.launch(kernel, n, [net.params, 30, 0, y], device=device, block_dim=block)  # noqa: B023, E731
         launch()
-        check(f"{row} {column}", y.numpy()[:4096], expected, 4 * LIMITS[net.spec.format.name])
+        check(f"{row} {column}", y.numpy()[:4096], expected, 4 * LIMITS[net.precision])
         bench.speed(row, column, launch, n * flops(net), peak=peak)
     if bounded:
         figures = bench.result.figures

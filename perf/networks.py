@@ -19,7 +19,7 @@ def make_net(depth: int, width: int, *, seed: int, **options) -> MLP:
     """A ReLU network width -> width (`depth` times) -> 16 with random weights and biases, int8 calibrated."""
     net, rng = MLP(width, 16, width, depth, seed=seed, **options), np.random.default_rng(seed)
     net.biases = [rng.uniform(-0.1, 0.1, b.shape) for b in net.biases]
-    if net.spec.format.name == "int8":
+    if net.precision == "int8":
         net.calibrate(inputs_of(np.arange(0, 4096, 16), width))
     return net
 
@@ -65,7 +65,7 @@ def make_inputs(net: MLP) -> wp.Function:
 
 
 def make_total(net: MLP) -> wp.Function:
-    vec_out, n_out = net.vec_out, net.spec.sizes[-1]
+    vec_out, n_out = net.vec_out, net.n_out
 
     @wp.func
     def total(y: vec_out) -> float:
@@ -110,7 +110,7 @@ def layers_of(net: MLP, network: np.ndarray | int = 0) -> list[tuple[np.ndarray,
     for w, b in zip(net.weights, net.biases, strict=True):
         if net.count > 1:
             w, b = w[network], b[network]
-        w = w.astype(np.float16) if net.spec.format.name == "float16" else w
+        w = w.astype(np.float16) if net.precision == "float16" else w
         layers.append((w.astype(np.float64), b.astype(np.float64)))
     return layers
 

@@ -51,7 +51,7 @@ def modules(net: MLP, device: str, found: list[str], compiled: bool) -> dict[str
         depth, width = shape_of(net)
         network = {"otype": "FullyFusedMLP", "activation": "ReLU", "output_activation": "None"}
         network |= {"n_neurons": width, "n_hidden_layers": depth}
-        made["tinycudann"] = tinycudann.Network(width, net.spec.sizes[-1], network)
+        made["tinycudann"] = tinycudann.Network(width, net.n_out, network)
         weights = np.concatenate([w.ravel() for w in net.weights])
         with torch.no_grad():
             made["tinycudann"].params.copy_(torch.from_numpy(weights))
@@ -62,7 +62,7 @@ def compared(net: MLP, name: str) -> MLP:
     """What peer `name` computes: `net`, for tinycudann without biases."""
     if name != "tinycudann":
         return net
-    bare = MLP(net.n_in, net.spec.sizes[-1], net.n_in, len(net.spec.layers) - 1, device="cpu")
+    bare = MLP(net.n_in, net.n_out, net.n_in, len(net.spec.layers) - 1, device="cpu")
     bare.weights, bare.biases = net.weights, [np.zeros_like(b) for b in net.biases]
     return bare
 

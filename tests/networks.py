@@ -87,6 +87,6 @@ def flat(results):
 
 def bound(net):
     """Each layer rounds its weights and its inputs, independently: the errors add in quadrature."""
-    if net.spec.format.name == "float32" or net.implementation == "per_thread":
+    if net.precision == "float32" or net.implementation == "per_thread":
         return 1e-6
-    return ROUNDING[net.spec.format.name] * np.sqrt(2 * len(net.spec.layers))
+    return ROUNDING[net.precision] * np.sqrt(2 * len(net.spec.layers))

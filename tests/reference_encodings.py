@@ -64,8 +64,9 @@ def texture_corners(x, width, height, wrap):
 def grid_corners(x, level, log2_size, base_resolution, growth):
     """(entry, weight), `[n]` each, of the corners of the cell around x, and the entries in the level's table."""
     n_in = x.shape[1]
-    scale = base_resolution * growth**level - 1
-    resolution = ceil(round(scale, 3)) + 1
+    power = np.float32(level) * np.float32(np.log2(np.float64(np.float32(growth))))  # float32, as in tiny-cuda-nn
+    scale = float(np.float32(np.exp2(np.float64(power))) * np.float32(base_resolution) - np.float32(1))
+    resolution = ceil(scale) + 1
     size = min(ceil(resolution**n_in / 8) * 8, 2**log2_size)
     position = x * scale + 0.5
     whole = np.floor(position).astype(np.int64)

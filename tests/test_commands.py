@@ -168,7 +168,7 @@ def test_an_mlp_goes_to_rtxns_and_back(tmp_path, device, name):
     options = {"encoding": encodings.Frequency(3), "output_activation": activations.exponential, "device": device}
     net = MLP(5, 4, 16, 2, **options)
     net.biases = [np.full_like(biases, 0.25) for biases in net.biases]
-    save_rtxns(net, tmp_path / name)
+    save_rtxns(tmp_path / name, net)
     loaded = load_rtxns(tmp_path / name, n_in=5, encoding=encodings.Frequency(3), device=device)
     assert (loaded.spec, loaded.encoding, loaded.n_in) == (net.spec, net.encoding, net.n_in)
     assert (loaded.packed.numpy() == net.packed.numpy()).all()  # float16, as the file

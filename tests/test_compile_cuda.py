@@ -64,7 +64,7 @@ def test_conversion_compiles_for_hopper(tmp_path):
 
 
 def test_operations_compile_for_hopper(tmp_path):
-    spec = MatrixSpec(20, 33, FLOAT16)
+    spec = MatrixSpec(20, 33, "float16")
     matmul_add, outer_product = make_matmul_add(spec), make_outer_product_accumulate(spec)
     vec_in, vec_out = spec.vec_in, spec.vec_out
 

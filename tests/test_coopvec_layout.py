@@ -214,15 +214,15 @@ def test_compiles_for_hopper(tmp_path):
 
 ROW = ("row_major", "float16", "row_major")
 REFUSED = [
-    ((0, 3, "float16", *ROW), {}, "0 x 3: rows and columns are 1 to 256"),
-    ((3, 257, "float16", *ROW), {}, "3 x 257"),
-    ((3, 5, "float8", *ROW), {}, "source precision 'float8': not one of float32, tf32"),
-    ((3, 5, "float16", "row_major", "float16", "optimal"), {}, "target layout 'optimal': not one of row_major"),
+    ((0, 3, "float16", *ROW), {}, "rows=0: expected a whole number of 1 to 256"),
+    ((3, 257, "float16", *ROW), {}, "columns=257"),
+    ((3, 5, "float8", *ROW), {}, "source precision='float8': expected one of float32, tf32"),
+    ((3, 5, "float16", "row_major", "float16", "optimal"), {}, "target layout='optimal': expected one of row_major"),
     ((3, 5, "float16", *ROW), {"source_stride": 8}, "source stride 8: expected 0 .tight. or a multiple of 2 from 10"),
     ((3, 5, "float16", *ROW), {"target_stride": 11}, "target stride 11"),
     ((3, 5, "float16", "training_optimal", *ROW[1:]), {"source_stride": 16}, "training_optimal has none"),
     ((3, 5, "float16", *ROW), {"source_offset": 2}, "source offset 2: expected a multiple of 4"),
-    ((3, 5, "float16", *ROW), {"source_offset": -4}, "source offset -4"),
+    ((3, 5, "float16", *ROW), {"source_offset": -4}, "source offset=-4"),
     ((3, 5, "float16", "training_optimal", *ROW[1:]), {"source_offset": 8}, "offset 8: expected a multiple of 16"),
     ((5, 5, "float16", *ROW), {}, "source buffer of 32 bytes: a 5 x 5 matrix of float16, row_major, ends at byte 52"),
     ((3, 5, "float16", *ROW), {"source_offset": 4}, "source buffer of 32 bytes"),

@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 from reference_encodings import expected
 
+from warp_neural import InputError
 from warp_neural.kernels.nn.encodings import (
     Concatenate,
     Encoding,
@@ -180,6 +181,20 @@ def test_default_hash_grid_is_tiny_cuda_nns():
     assert grid.n_out(2) == 32 and grid.initial == (-1e-4, 1e-4)
 
 
+@pytest.mark.parametrize(
+    ("growth", "sizes"),
+    [
+        (2 ** (1 / 3), [16, 40, 56, 88, 128, 176, 296, 448, 680, 1096]),
+        (4 ** (1 / 7), [16, 32, 40, 64, 88, 128, 200, 296, 400, 576]),
+        (3 ** (1 / 5), [16, 32, 56, 64, 104, 176, 232, 368, 576, 848]),
+        (1.5, [16, 40, 88, 200, 448, 968, 2120, 4768, 10616, 23720]),
+    ],
+)
+def test_sizes_of_roots_are_tiny_cuda_nns(growth, sizes):
+    """Those of its `grid_scale` and `grid_resolution` in float32: 8 vertices become 8.000001, and so 9."""
+    assert [table.size for table in HashGrid(levels=10, growth=growth, base_resolution=4).tables(2)] == sizes
+
+
 def test_harmonics_are_orthonormal(device):
     """By Gauss-Legendre quadrature, exact for these products."""
     z, weights = np.polynomial.legendre.leggauss(16)
@@ -214,18 +229,27 @@ def test_compiles_for_cuda(encoding, n_in, arch, tmp_path):
         (lambda: TriangleWave(40), "octaves=40"),
         (lambda: OneBlob(0), "bins=0"),
         (lambda: SphericalHarmonics(9), "degree=9"),
-        (lambda: SphericalHarmonics(2).make(2), "2 inputs"),
+        (lambda: SphericalHarmonics(2).make(2), "n_in=2: expected a whole number of 3 to 3"),
         (lambda: LatentTexture(0, 2), "width=0"),
-        (lambda: LatentTexture(2, 2).make(3), "3 inputs"),
+        (lambda: LatentTexture(2, 2).make(3), "n_in=3"),
         (lambda: HashGrid(growth=0.5), "growth=0.5"),
         (lambda: HashGrid(levels=40), "levels"),
-        (lambda: HashGrid().make(5), "5 inputs"),
+        (lambda: HashGrid().make(5), "n_in=5: expected a whole number of 1 to 4"),
+        (lambda: HashGrid(levels=2.5), "levels=2.5: expected a whole number"),
+        (lambda: HashGrid(growth="2"), "growth='2': expected a number >= 1"),
+        (lambda: HashGrid(initial=(1.0, -1.0)), "initial"),
+        (lambda: LatentTexture(2, 2, initial=0.5), "initial=0.5: expected a range"),
+        (lambda: OneBlob(None), "bins=None"),
+        (lambda: Frequency(2, float("inf")), "lowest=inf"),
         (lambda: Concatenate(()), "at least one"),
+        (lambda: Concatenate([Identity()]), "a tuple of encodings"),
+        (lambda: Concatenate((Identity(),), (0,)), "a tuple of indices"),
         (lambda: Concatenate((HashGrid(), LatentTexture(2, 2))), "initial"),
         (lambda: Concatenate((Identity(),), ((0,), (1,))), "one a part"),
         (lambda: Concatenate((Identity(),), ((3,),)).make(2), "of 2"),
     ],
 )
 def test_bad_arguments(make, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message) as error:
         make()
+    assert "\n" not in str(error.value)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from warp_neural import InputError
 from warp_neural.kernels.nn import losses
 from warp_neural.kernels.nn.losses import Loss
 
@@ -143,9 +144,11 @@ def test_bad_arguments():
         (lambda: losses.l2.weighted(1.0, -1.0), "not negative"),
         (lambda: losses.l2.weighted(float("nan")), "not negative"),
         (lambda: losses.l2.weighted(1.0, 2.0).value(3), "2 weights for 3"),
-        (lambda: losses.l2.value(0), "at least 1"),
+        (lambda: losses.huber("one"), "delta='one': expected a positive number"),
+        (lambda: losses.l2.weighted(None), "expected finite numbers"),
+        (lambda: losses.l2.value(0), "n=0: expected a whole number"),
     ]:
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(InputError, match=message):
             make()
 
 

@@ -164,12 +164,12 @@ def test_moves_between_devices(device):
         ({"depth": 9}, "0 to 8 hidden layers"),
         ({"depth": -1}, "0 to 8 hidden layers"),
         ({"count": 0}, "at least one"),
-        ({"precision": "fp12"}, "not one of float32, tf32, float16, bfloat16, e4m3, e5m2, int8"),
-        ({"implementation": "magic"}, "not one of cooperative, per_thread, tiled"),
-        ({"accumulation": "int32"}, "not one of float32, float16"),
+        ({"precision": "fp12"}, "expected one of float32, tf32, float16, bfloat16, e4m3, e5m2, int8"),
+        ({"implementation": "magic"}, "expected one of cooperative, per_thread, tiled"),
+        ({"accumulation": "int32"}, "expected one of float32, float16"),
         ({"precision": "int8", "accumulation": "float16"}, "int8 accumulates in float32 only"),
         ({"precision": "bfloat16", "accumulation": "float16"}, "bfloat16 accumulates in float32 only"),
-        ({"dtype": wp.float64}, "float32 or float16"),
+        ({"dtype": wp.float64}, "expected wp.float32 or wp.float16"),
     ],
 )
 def test_refuses(options, message):

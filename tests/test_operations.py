@@ -104,7 +104,7 @@ CASES += [(f, "inferencing_optimal", True, "float16") for f in (FLOAT16, E4M3)]
 
 @pytest.mark.parametrize("format, layout, transpose, accumulation", CASES, ids=ids)
 def test_matmul_add_and_its_adjoint_are_exact(format, layout, transpose, accumulation, device):
-    spec = MatrixSpec(ROWS, COLUMNS, format, layout, transpose, accumulation=accumulation)
+    spec = MatrixSpec(ROWS, COLUMNS, format.name, layout, transpose, accumulation=accumulation)
     matmul_add, vec_in, vec_out = make_matmul_add(spec), spec.vec_in, spec.vec_out
 
     @wp.kernel(module="unique")
@@ -144,7 +144,7 @@ def test_matmul_add_and_its_adjoint_are_exact(format, layout, transpose, accumul
 
 
 def test_matmul_reads_rows_a_stride_apart(device):
-    spec = MatrixSpec(5, 7, FLOAT16, "row_major")
+    spec = MatrixSpec(5, 7, "float16", "row_major")
     matmul, vec_in, vec_out = make_matmul(spec), spec.vec_in, spec.vec_out
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -168,7 +168,7 @@ def test_matmul_reads_rows_a_stride_apart(device):
 @pytest.mark.parametrize("format", [FLOAT32, FLOAT16, BFLOAT16, E4M3], ids=ids)
 @pytest.mark.parametrize("layout", ["row_major", "training_optimal"])
 def test_accumulating_operations_are_exact(format, layout, device):
-    spec = MatrixSpec(ROWS, COLUMNS, format, layout)
+    spec = MatrixSpec(ROWS, COLUMNS, format.name, layout)
     outer_product, reduce_sum = make_outer_product_accumulate(spec), make_reduce_sum_accumulate(ROWS, wp.float32)
     vec_a, vec_b = spec.vec_out, spec.vec_in
 
@@ -200,5 +200,5 @@ def test_accumulating_operations_are_exact(format, layout, device):
 
 
 def test_outer_product_of_int8_is_refused():
-    with pytest.raises(ValueError, match="floating-point interpretation"):
-        make_outer_product_accumulate(MatrixSpec(4, 4, INT8))
+    with pytest.raises(ValueError, match="floating-point precision"):
+        make_outer_product_accumulate(MatrixSpec(4, 4, "int8"))

@@ -27,7 +27,7 @@ def uniform_sizes():
 @given(uniform_sizes(), st.sampled_from([np.float16, np.float32]), st.booleans(), st.integers(0, 99))
 def test_binary_returns_bit_for_bit(tmp_path, sizes, dtype, column_major, seed):
     net = network(sizes, dtype, seed)
-    write_binary(tmp_path / "a.bin", net, precision=dtype, column_major=column_major)
+    write_binary(tmp_path / "a.bin", net, precision=np.dtype(dtype).name, column_major=column_major)
     same(read_binary(tmp_path / "a.bin"), net)
     assert (tmp_path / "a.bin").stat().st_size % 64 == HEADER % 64
 
@@ -49,7 +49,7 @@ def cpp_reader(tmp_path_factory):
 def test_a_cpp_reader_of_the_layout_reads_every_weight(tmp_path, cpp_reader, sizes, dtype, column_major):
     net = network(sizes, dtype)
     net.weights[0].ravel()[:3] = [-0.0, np.finfo(dtype).max, np.finfo(dtype).smallest_subnormal]
-    write_binary(tmp_path / "a.bin", net, precision=dtype, column_major=column_major)
+    write_binary(tmp_path / "a.bin", net, precision=np.dtype(dtype).name, column_major=column_major)
     lines = subprocess.run([cpp_reader, tmp_path / "a.bin"], check=True, capture_output=True, text=True).stdout.split(
         "\n"
     )

@@ -232,7 +232,7 @@ def test_bad_options(tmp_path, options, message):
 
 
 def test_another_network_is_refused(tmp_path):
-    wn.save_network(wn.MLP(5, 3, device="cpu"), tmp_path / "other.safetensors")
+    wn.save_network(tmp_path / "other.safetensors", wn.MLP(5, 3, device="cpu"))
     config = shader_training.Config(device="cpu", out=tmp_path, network=tmp_path / "other.safetensors")
     with pytest.raises(InputError, match="5 inputs and 3 outputs"):
         shader_training.main(config)

@@ -169,7 +169,7 @@ def test_bad_checkpoints_change_nothing(tmp_path, monkeypatch):
         assert other.index == 0 and (other.net.master.numpy() == before).all()
     with pytest.raises(wn.InputError, match="no such file"):
         run.load(tmp_path / "none.safetensors")
-    wn.save_network(run.net, tmp_path / "net.safetensors")
+    wn.save_network(tmp_path / "net.safetensors", run.net)
     with pytest.raises(wn.InputError, match="not a checkpoint"):
         run.load(tmp_path / "net.safetensors")
 

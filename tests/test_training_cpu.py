@@ -49,7 +49,7 @@ def make_net(n_in, n_out, width, depth, **options):
 
 
 def trainer(net, n, **options):
-    data, n_out = Pairs(), net.spec.sizes[-1]
+    data, n_out = Pairs(), net.n_out
     x, target = samples(n, net.n_in), samples(n, n_out, 1)
     data.x, data.target = (wp.array(a, dtype=float, device="cpu") for a in (x, target))
     sample = make_sample(net.n_in, n_out, net.spec.dtype)
@@ -59,7 +59,7 @@ def trainer(net, n, **options):
 def true_gradient(net, x, target):
     """Of the mean of squares, in the order of `net.master`."""
     functions = [reference.ACTIVATIONS[net.spec.activation_of(i).name] for i in range(len(net.spec.layers))]
-    weights = [reference.rounded(w, net.spec.format.name) for w in net.weights]
+    weights = [reference.rounded(w, net.precision) for w in net.weights]
     y = reference.mlp(weights, net.biases, functions, x)
     _, dw, db, _ = reference.mlp(weights, net.biases, functions, x, 2 * (y - target) / target.size)
     return np.concatenate([np.concatenate([w.ravel(), b]) for w, b in zip(dw, db, strict=True)])

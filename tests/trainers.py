@@ -38,21 +38,21 @@ def make_sample(n_in: int, n_out: int):
 
 def pairs(n, net, device, seed=0):
     data = Pairs()
-    x, target = samples(n, net.n_in, seed), samples(n, net.spec.sizes[-1], seed + 1)
+    x, target = samples(n, net.n_in, seed), samples(n, net.n_out, seed + 1)
     data.x, data.target = (wp.array(a, dtype=float, device=device) for a in (x, target))
     return data, x, target
 
 
 def trainer(net, n, **options):
     data, x, target = pairs(n, net, net.device)
-    result = wn.Trainer(net, sample=make_sample(net.n_in, net.spec.sizes[-1]), data=data, **{"batch": n} | options)
+    result = wn.Trainer(net, sample=make_sample(net.n_in, net.n_out), data=data, **{"batch": n} | options)
     return result, x, target
 
 
 def true_gradient(net, x, target):
     """Of the mean of squares, in the order of `net.master`."""
     functions = [reference.ACTIVATIONS[net.spec.activation_of(i).name] for i in range(len(net.spec.layers))]
-    weights = [reference.rounded(w, net.spec.format.name) for w in net.weights]
+    weights = [reference.rounded(w, net.precision) for w in net.weights]
     y = reference.mlp(weights, net.biases, functions, x)
     dy = 2 * (y - target) / target.size
     _, dw, db, _ = reference.mlp(weights, net.biases, functions, x, dy)
@@ -63,7 +63,7 @@ def check_gradient(net, n, **options):
     """Of n samples, within `BOUND` of float64; returns the trainer and the gradient of the network's parameters."""
     run, x, target = trainer(net, n, **options)
     gradient = run.gradient()[: net.n_parameters]
-    assert gradient.any() and error(gradient, true_gradient(net, x, target)) < BOUND[net.spec.format.name]
+    assert gradient.any() and error(gradient, true_gradient(net, x, target)) < BOUND[net.precision]
     return run, gradient
 
 

@@ -1,5 +1,5 @@
 """The one exception for input that a user can mend."""
 
+from warp_neural.kernels.errors import InputError
 
-class InputError(ValueError):
-    """Bad input: one line that names the file or option, what is wrong with it, and the remedy."""
+__all__ = ["InputError"]

@@ -7,7 +7,7 @@ from functools import cache
 
 import warp as wp
 
-from warp_neural.kernels.nn.spec import C_TYPES
+from warp_neural.kernels.nn.spec import C_TYPES, check_vector
 
 SIZES = {wp.float16: 2, wp.float32: 4}
 ROW = "const size_t pitch = {array}.strides[0]; char* const bytes = reinterpret_cast<char*>({data}) + row * pitch;\n"
@@ -100,6 +100,7 @@ for (unsigned u = c; u < c + CHUNK && u < {units}; ++u) {{ const uint4 q = *plac
 @cache
 def make_load(n: int, dtype: type) -> wp.Function:
     """`(source: array2d [rows, >= n] of dtype, row: int) -> vector of n`; differentiable."""
+    check_vector(n, dtype)
     vec, c_type = wp.types.vector(n, dtype), C_TYPES[dtype]
     text = f"wp::vec_t<{n}, {c_type}> v;\n" + ROW.format(array="source", data="source.data")
     text += f"""#if defined(__CUDA_ARCH__)
@@ -123,6 +124,7 @@ return v;
 @cache
 def make_store(n: int, dtype: type) -> wp.Function:
     """`(target: array2d [rows, >= n] of dtype, row: int, v: vector of n)`; differentiable."""
+    check_vector(n, dtype)
     vec = wp.types.vector(n, dtype)
     per_unit = 16 // SIZES[dtype]
     word = (

@@ -11,7 +11,9 @@ from functools import cache
 import warp as wp
 
 from warp_neural.kernels.coopvec import operations_text as text
-from warp_neural.kernels.nn.spec import FLOAT16, INT8, Format
+from warp_neural.kernels.coopvec.convert import LAYOUTS
+from warp_neural.kernels.errors import InputError, require, require_whole
+from warp_neural.kernels.nn.spec import INT8, MAX_SIZE, Format, check_types, check_vector, format_of
 
 
 @wp.struct
@@ -26,19 +28,29 @@ class Buffer:
 class MatrixSpec:
     """One product: `rows` x `columns` is the matrix as it multiplies, after `transpose`.
 
-    interpretation: the format of the matrix and of the vector inside the product. layout: "row_major", "column_major",
+    precision: the format of the matrix and of the vector inside the product. layout: "row_major", "column_major",
     "inferencing_optimal" or "training_optimal" (of the stored matrix; the last for gradients). dtype: of the vectors'
     elements. accumulation: "float32" or "float16". bias: "float32" or "float16".
     """
 
     rows: int
     columns: int
-    interpretation: Format = FLOAT16
+    precision: str = "float16"
     layout: str = "inferencing_optimal"
     transpose: bool = False
     dtype: type = wp.float32
     accumulation: str = "float32"
     bias: str = "float32"
+
+    def __post_init__(self):
+        for name in ("rows", "columns"):
+            require_whole(name, getattr(self, name), 1, MAX_SIZE)
+        check_types(self.format, self.accumulation, self.dtype, self.bias)
+        require(self.layout in LAYOUTS, "layout", self.layout, f"one of {', '.join(LAYOUTS)}")
+
+    @property
+    def format(self) -> Format:
+        return format_of(self.precision)
 
     @property
     def vec_in(self) -> type:
@@ -86,8 +98,8 @@ def make_outer_product_accumulate(spec: MatrixSpec) -> wp.Function:
     element `offset` on, rows (columns) `stride` elements apart (0: tight). float16 and bfloat16 multiply on tensor
     cores where a whole warp arrives, which sums its 32 threads before one addition to memory.
     """
-    if spec.interpretation is INT8:
-        raise ValueError("outer_product_accumulate needs a floating-point interpretation, not int8")
+    if spec.format is INT8:
+        raise InputError("outer_product_accumulate needs a floating-point precision, not int8")
     vec_a, vec_b = spec.vec_out, spec.vec_in
 
     @wp.func_native(text.outer_product(spec))
@@ -99,6 +111,7 @@ def make_outer_product_accumulate(spec: MatrixSpec) -> wp.Function:
 @cache
 def make_reduce_sum_accumulate(n: int, dtype: type) -> wp.Function:
     """`(v, gradient, offset)`: gradient[offset + i] += v[i], atomically (coopVecReduceSumAccumulateNV)."""
+    check_vector(n, dtype)
     vec = wp.types.vector(n, dtype)
 
     @wp.func_native(text.reduce_sum(n))

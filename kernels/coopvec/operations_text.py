@@ -17,7 +17,7 @@ WORDS = {8: "unsigned char", 16: "unsigned short", 32: "unsigned"}
 
 def accessors(spec, stride: str = "matrix_stride") -> str:
     """Lambdas for the per-thread form: `index(n, k)` of the matrix as it multiplies, decode, encode, round_value."""
-    format = spec.interpretation
+    format = spec.format
     rows, columns = (spec.columns, spec.rows) if spec.transpose else (spec.rows, spec.columns)
     stored = "const integer n = column, k = row;" if spec.transpose else "const integer n = row, k = column;"
     elements = f"({stride} / {format.bits // 8})" if stride == "matrix_stride" else stride
@@ -33,7 +33,7 @@ auto index = [&](integer row, integer column) -> integer {{
 
 def weights_and_bias(spec, with_bias: bool) -> str:
     """Lambdas `bits(n, k)` and `bias_value(n)`."""
-    word = WORDS[spec.interpretation.bits]
+    word = WORDS[spec.format.bits]
     text = f"""const auto* elements = reinterpret_cast<const {word}*>(
     reinterpret_cast<const char*>(matrix.data.data) + matrix_offset);
 auto bits = [&](integer n, integer k) -> unsigned {{ return elements[index(n, k)]; }};
@@ -49,7 +49,7 @@ auto bias_value = [&](const {kind}* b, integer n) -> real {{ return static_cast<
 
 def product(spec, with_bias: bool) -> str:
     """Body of `matmul` and `matmul_add`."""
-    step = spec.interpretation.k_step
+    step = spec.format.k_step
     half = spec.accumulation == "float16"
     start = "bias_value(biases, n)" if with_bias else "0.0f"
     rounding = f"if ((k + 1) % {max(step, 1)} == 0 || k + 1 == {spec.columns}) sum = round_half(sum);" if half else ""
@@ -79,7 +79,7 @@ def product_adjoint(spec, with_bias: bool) -> str:
 """.replace("ROWS", str(spec.rows)).replace("SIZE", "2" if spec.bias == "float16" else "4")
     return f"""{accessors(spec)}{weights_and_bias(spec, with_bias=False)}
 real* gradient = matrix.gradient.data;
-if (gradient) gradient += matrix_offset / {spec.interpretation.bits // 8};
+if (gradient) gradient += matrix_offset / {spec.format.bits // 8};
 for (integer k = 0; k < {spec.columns}; ++k) {{
     const real x = round_value(static_cast<real>(v.c[k]));
     real sum = 0.0f;
@@ -96,16 +96,16 @@ for (integer k = 0; k < {spec.columns}; ++k) {{
 def as_network(spec) -> tuple[NetworkSpec, LayerLayout]:
     """The product as a network of one layer, for the texts of `fragments`."""
     network = NetworkSpec(
-        (spec.columns, spec.rows), activations.linear, activations.linear, spec.interpretation, spec.accumulation,
+        (spec.columns, spec.rows), activations.linear, activations.linear, spec.format, spec.accumulation,
         spec.dtype,
     )  # fmt: skip
-    k_pad, n_pad = round_up(spec.columns, spec.interpretation.k_step), round_up(spec.rows, 8)
+    k_pad, n_pad = round_up(spec.columns, spec.format.k_step), round_up(spec.rows, 8)
     return network, LayerLayout(spec.columns, spec.rows, k_pad, n_pad, 0, 0, 0, 0)
 
 
 def load_words(spec, layer: LayerLayout) -> str:
     """`q`: the weights of tile j, K blocks 2 p and 2 p + 1; 16 bytes at once where the layout is made for it."""
-    format = spec.interpretation
+    format = spec.format
     pairs = layer.k_pairs(format)
     if spec.layout == "inferencing_optimal" and not spec.transpose:
         return f"const uint4 q = __ldg(reinterpret_cast<const uint4*>(base) + (j * {pairs} + p) * 32 + lane);"
@@ -126,7 +126,7 @@ const uint4 q = make_uint4(words[0], words[1], words[2], words[3]);"""
 def tensor_product(spec, with_bias: bool) -> str:
     """The product for warps that arrive whole; several matrices in a warp are peeled as in `fragments`."""
     network, layer = as_network(spec)
-    format, tiles = spec.interpretation, layer.n_pad // 8
+    format, tiles = spec.format, layer.n_pad // 8
     kind, registers = primitives.accumulator(network)
     parts = 2 if primitives.packs_halves(network) else 4
     bias = [f"bias_at(2 * m + h, 8 * j + 2 * t + {e})" for e in (0, 1)]
@@ -181,7 +181,7 @@ return y;
 
 def outer_product(spec) -> str:
     """Body of `outer_product_accumulate`."""
-    fast = tensor_outer_product(spec) if spec.interpretation in (FLOAT16, BFLOAT16) else ""
+    fast = tensor_outer_product(spec) if spec.format in (FLOAT16, BFLOAT16) else ""
     return f"""{accessors(spec, stride="stride")}
 real* const base_gradient = gradient.data + offset;
 #if defined(__CUDA_ARCH__)

@@ -8,6 +8,8 @@ from functools import cache
 
 import warp as wp
 
+from warp_neural.kernels.errors import InputError, is_finite, require, require_whole
+
 
 @dataclass(frozen=True)
 class Loss:
@@ -26,8 +28,8 @@ class Loss:
 
     def weighted(self, *weights: float) -> "Loss":
         """The same loss with component weights, finite and not negative."""
-        if not all(0 <= w < float("inf") for w in weights):
-            raise ValueError(f"{self.name}.weighted{weights}: weights are finite and not negative")
+        valid = all(is_finite(w) and w >= 0 for w in weights)
+        require(valid, f"{self.name}: weights", weights, "finite numbers, not negative, one a component")
         return replace(self, weights=tuple(float(w) for w in weights))
 
     def value(self, n: int) -> wp.Function:
@@ -79,11 +81,10 @@ def for_each(n: int, statement: str) -> str:
 
 
 def prelude(loss: Loss, n: int) -> str:
-    if n < 1:
-        raise ValueError(f"{loss.name}: {n} components; at least 1 is needed")
+    require_whole(f"{loss.name}: n", n)
     weights = loss.weights or (1.0,) * n
     if len(weights) != n:
-        raise ValueError(f"{loss.name}: {len(weights)} weights for {n} components; give one weight a component")
+        raise InputError(f"{loss.name}: {len(weights)} weights for {n} components; give one weight a component")
     return f"using real = wp::float32;\nconst real w[{n}] = {{{', '.join(f'{v!r}f' for v in weights)}}};\n"
 
 
@@ -119,6 +120,8 @@ def make_gradient(loss: Loss, n: int) -> wp.Function:
 SIGN = "(p == t ? 0.0f : (p - t) / wp::abs(p - t))"
 
 l1 = Loss("l1", "wp::abs(p - t)", SIGN)
+"""|p - t|. Its derivative where they are equal is 0, as in the other losses of |p - t|; tiny-cuda-nn's is -1 there."""
+
 l2 = Loss("l2", "(p - t) * (p - t)", "2.0f * (p - t)")
 
 # Of these the denominators count as constant in the derivative (tiny-cuda-nn's losses of the same names; Lehtinen et
@@ -131,7 +134,10 @@ smape = Loss("smape", f"wp::abs(p - t) / {HALF_SUM}", f"{SIGN} / {HALF_SUM}")
 
 cross_entropy = CrossEntropy("cross_entropy", "", "")
 """-sum of weight * t * log softmax(p): predictions are logits, targets probabilities. One component: p is the logit of
-the probability t, and the loss that of the two outcomes, -t log sigmoid(p) - (1 - t) log(1 - sigmoid(p))."""
+the probability t, and the loss that of the two outcomes, -t log sigmoid(p) - (1 - t) log(1 - sigmoid(p)).
+
+tiny-cuda-nn's loss of this name takes probabilities where this one takes logits, -t log p, without a softmax, and
+divides by the number of components, where this is the sum over them."""
 
 ROOT = "(p <= 0.0f ? 0.0f : wp::pow(p, 0.45454545f))"
 TARGET_ROOT = "(t <= 0.0f ? 0.0f : wp::pow(t, 0.45454545f))"
@@ -146,8 +152,7 @@ a prediction there has derivative 0, so it stays dead unless the network's outpu
 
 def huber(delta: float = 1.0) -> Loss:
     """Half the square of the error up to `delta`, then delta * (|error| - delta / 2) (Huber 1964)."""
-    if not 0 < delta < float("inf"):
-        raise ValueError(f"huber(delta={delta}): a positive number is needed")
+    require(is_finite(delta) and delta > 0, "huber: delta", delta, "a positive number")
     near, d = f"wp::abs(p - t) <= {float(delta)!r}f", f"{float(delta)!r}f"
     return Loss(
         f"huber({delta})",

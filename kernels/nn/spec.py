@@ -5,6 +5,7 @@ from functools import cached_property
 
 import warp as wp
 
+from warp_neural.kernels.errors import InputError, require, require_whole
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.activations import Activation
 
@@ -39,9 +40,33 @@ INT8 = Format("int8", 8, 32, 80, 127.0)
 
 C_TYPES = {wp.float32: "wp::float32", wp.float16: "wp::half"}  # of the vectors' elements, in native text
 
+MAX_SIZE, MAX_LAYERS = 256, 9  # of one vector; products in a network
+
 FORMATS = {f.name: f for f in (FLOAT32, TF32, FLOAT16, BFLOAT16, E4M3, E5M2, INT8)}
 
-MAX_SIZE, MAX_LAYERS = 256, 9  # of one vector; products in a network
+
+def format_of(precision: str, name: str = "precision") -> Format:
+    """The format that public functions know by its name; `name` is the argument's, for the error."""
+    require(isinstance(precision, str) and precision in FORMATS, name, precision, f"one of {', '.join(FORMATS)}")
+    return FORMATS[precision]
+
+
+def check_vector(n: int, dtype: type) -> None:
+    """Raise `InputError` for a size or an element type that vectors do not have."""
+    require_whole("n", n, 1, MAX_SIZE)
+    require(dtype in C_TYPES, "dtype", dtype, "wp.float32 or wp.float16, the vectors' element type")
+
+
+def check_types(format: Format, accumulation: str, dtype: type, bias: str = "float32") -> None:
+    """Raise `InputError` for types that no product takes together."""
+    require(accumulation in ("float32", "float16"), "accumulation", accumulation, "one of float32, float16")
+    if accumulation == "float16" and format not in (FLOAT16, E4M3, E5M2):
+        raise InputError(
+            f"accumulation='float16': {format.name} accumulates in float32 only; float16, e4m3 and e5m2 in float16 too"
+        )
+    require(dtype in C_TYPES, "dtype", dtype, "wp.float32 or wp.float16, the vectors' element type")
+    biases = dict.fromkeys(("float32", accumulation))
+    require(bias in biases, "bias", bias, f"{'one of ' if len(biases) > 1 else ''}{', '.join(biases)}")
 
 
 @dataclass(frozen=True)
@@ -61,13 +86,8 @@ class NetworkSpec:
 
     def __post_init__(self):
         if not (2 <= len(self.sizes) <= MAX_LAYERS + 1 and all(1 <= size <= MAX_SIZE for size in self.sizes)):
-            raise ValueError(f"sizes {self.sizes}: a network has 1 to {MAX_LAYERS} layers of sizes 1 to {MAX_SIZE}")
-        if self.accumulation not in ("float32", "float16"):
-            raise ValueError(f"accumulation {self.accumulation!r}: not one of float32, float16")
-        if self.accumulation == "float16" and self.format not in (FLOAT16, E4M3, E5M2):
-            raise ValueError(f"{self.format.name} accumulates in float32 only; float16, e4m3 and e5m2 in float16 too")
-        if self.dtype not in (wp.float32, wp.float16):
-            raise ValueError(f"dtype {self.dtype}: vectors are of float32 or float16")
+            raise InputError(f"sizes {self.sizes}: a network has 1 to {MAX_LAYERS} layers of sizes 1 to {MAX_SIZE}")
+        check_types(self.format, self.accumulation, self.dtype)
 
     @property
     def layers(self) -> list[tuple[int, int]]:

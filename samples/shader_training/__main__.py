@@ -58,7 +58,7 @@ def main(config: Config) -> dict:
         loss = RTXNS_LOSS if config.rtxns_loss else LOSS
         recipe = Recipe(config.epochs or defaults.epochs, config.batch or defaults.batch, config.rate, loss)
         seconds, trained = train(net, recipe, seed=config.seed, quiet=config.json), recipe.steps * recipe.batch
-        save(net, config.out)
+        save(config.out, net)
     metrics = evaluate(net, samples=config.samples, seed=config.seed)
     metrics |= {"samples": config.samples, "samples_train": trained, "seconds_train": seconds}
     metrics |= {"parameters": net.n_parameters, "device": device.name if device.is_cuda else "cpu"}

@@ -54,7 +54,7 @@ def main(config: Config) -> dict:
         small = make_net(device, config.seed)
         train(small, Recipe(config.epochs, batch=1024), seed=config.seed, quiet=config.json)
         config = replace(config, network=config.out / "small.safetensors")
-        wn.save_network(small, config.network)
+        wn.save_network(config.network, small)
     net = load(config.network, device)
 
     surface, light = surface_of(config), light_of(config)

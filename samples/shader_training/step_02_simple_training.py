@@ -77,7 +77,7 @@ def main(config: Config) -> dict:
         net, sample=sample, data=photo, loss=wn.losses.gamma_l2, optimizer=adam, batch=batch, seed=config.seed
     )
     loss = trainer.run(steps, quiet=config.json)
-    wn.save_network(net, config.out / "step_02.safetensors")
+    wn.save_network(config.out / "step_02.safetensors", net)
 
     truth = wp.empty(pixels.shape[:2], dtype=wp.vec3, device=device)
     wp.launch(truth_kernel, dim=truth.shape, inputs=[photo, truth], device=device)

@@ -63,7 +63,7 @@ def main(config: Config) -> dict:
         fits[name] = picture(net, len(pixels))
         metrics[name] = {"psnr": psnr(pixels, fits[name]), "parameters": net.master.size}
     best = max(metrics, key=lambda name: metrics[name]["psnr"])
-    wn.save_network(networks[best], config.out / "step_03.safetensors")
+    wn.save_network(config.out / "step_03.safetensors", networks[best])
     save_fits(config.out / "step_03.png", pixels, fits, metrics)
     return {"networks": metrics, "best": best, "steps": steps}
 

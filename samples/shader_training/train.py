@@ -57,16 +57,16 @@ def load(path: Path, device: wp.DeviceLike) -> wn.MLP:
         net = wn.load_network(path, device=device)
     else:
         net = wn.load_rtxns(path, n_in=N_IN, encoding=ENCODING, device=device)
-    if (net.n_in, net.spec.sizes[-1]) != (N_IN, N_OUT):
+    if (net.n_in, net.n_out) != (N_IN, N_OUT):
         raise wn.InputError(
-            f"{path}: {net.n_in} inputs and {net.spec.sizes[-1]} outputs; the BRDF has {N_IN} and {N_OUT}: "
+            f"{path}: {net.n_in} inputs and {net.n_out} outputs; the BRDF has {N_IN} and {N_OUT}: "
             "give a network by samples.shader_training"
         )
     return net
 
 
-def save(net: wn.MLP, folder: Path) -> None:
+def save(folder: Path, net: wn.MLP) -> None:
     """In our form and both of RTXNS's."""
-    wn.save_network(net, folder / "network.safetensors")
-    wn.save_rtxns(net, folder / "network.ns.bin")
-    wn.save_rtxns(net, folder / "network.json")
+    wn.save_network(folder / "network.safetensors", net)
+    wn.save_rtxns(folder / "network.ns.bin", net)
+    wn.save_rtxns(folder / "network.json", net)

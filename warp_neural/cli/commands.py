@@ -87,7 +87,7 @@ class Convert(_Command):
         if self.activation or self.output_activation:
             raise InputError(f"{self.target}: RTXNS's files hold no activations; leave the options out")
         network, lost = read_as_rtxns(self.target, self.source)
-        write_rtxns(self.target, network, np.dtype(self.precision).type, self.column_major)
+        write_rtxns(self.target, network, self.precision, self.column_major)
         written = read_rtxns(self.target)
         pairs = zip(network.weights + network.biases, written.weights + written.biases, strict=True)
         rounding = max(float(np.abs(a.astype(np.float64) - b).max()) for a, b in pairs)

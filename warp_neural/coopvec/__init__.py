@@ -24,7 +24,8 @@ from warp_neural.kernels.coopvec.operations import (
     make_outer_product_accumulate,
     make_reduce_sum_accumulate,
 )
-from warp_neural.kernels.nn.spec import FORMATS, MAX_SIZE, Format, round_up
+from warp_neural.kernels.errors import require, require_whole
+from warp_neural.kernels.nn.spec import FORMATS, MAX_SIZE, Format, format_of, round_up
 
 __all__ = [
     "Buffer",
@@ -62,12 +63,12 @@ class _Stored:
     offset: int = 0
 
     def __post_init__(self):
-        if not (1 <= self.rows <= MAX_SIZE and 1 <= self.columns <= MAX_SIZE):
-            raise InputError(f"matrix of {self.rows} x {self.columns}: rows and columns are 1 to {MAX_SIZE}")
-        if self.precision not in FORMATS:
-            raise InputError(f"{self.name} precision {self.precision!r}: not one of {', '.join(FORMATS)}")
-        if self.layout not in LAYOUTS:
-            raise InputError(f"{self.name} layout {self.layout!r}: not one of {', '.join(LAYOUTS)}")
+        require_whole("rows", self.rows, 1, MAX_SIZE)
+        require_whole("columns", self.columns, 1, MAX_SIZE)
+        require_whole(f"{self.name} stride", self.stride, 0)
+        require_whole(f"{self.name} offset", self.offset, 0)
+        format_of(self.precision, f"{self.name} precision")
+        require(self.layout in LAYOUTS, f"{self.name} layout", self.layout, f"one of {', '.join(LAYOUTS)}")
         strided = self.layout in STRIDED
         if self.stride and not strided:
             raise InputError(f"{self.name} stride {self.stride}: {self.layout} has none")
@@ -77,12 +78,12 @@ class _Stored:
                 f"{self.name} stride {self.stride}: expected 0 (tight) or a multiple of {self.element_bytes} "
                 f"from {line} on, in bytes"
             )
-        if self.offset < 0 or self.offset % (4 if strided else 16):
+        if self.offset % (4 if strided else 16):
             raise InputError(f"{self.name} offset {self.offset}: expected a multiple of {4 if strided else 16} bytes")
 
     @property
     def format(self) -> Format:
-        return FORMATS[self.precision]
+        return format_of(self.precision)
 
     @property
     def element_bytes(self) -> int:
@@ -95,6 +96,8 @@ class _Stored:
 
     def check(self, buffer: Array) -> None:
         """Its element type, and that the device can see it as words."""
+        expected = "a Warp or NumPy array"
+        require(isinstance(buffer, wp.array | np.ndarray), f"{self.name} buffer", type(buffer).__name__, expected)
         host = isinstance(buffer, np.ndarray)
         name = buffer.dtype.name if host else buffer.dtype.__name__
         allowed = ("uint32", "uint8", ELEMENT_TYPES.get(self.precision, self.precision))

@@ -5,7 +5,7 @@ from dataclasses import astuple, dataclass, fields
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.nn.spec import E4M3, E5M2, FLOAT16, FORMATS, INT8, NetworkSpec
+from warp_neural.kernels.nn.spec import E4M3, E5M2, FLOAT16, FORMATS, INT8, check_types, format_of
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,7 @@ def check_combination(
     accumulation: "float32" (int8: stands for int32) or "float16". bias: "float32", or "float16" with such accumulation.
     """
     try:
-        if precision not in FORMATS:
-            raise ValueError(f"precision {precision!r}: not one of {', '.join(FORMATS)}")
-        if bias not in ("float32", accumulation):
-            raise ValueError(f"bias of {bias!r}: it is of float32, or of float16 where that accumulates")
-        NetworkSpec((1, 1), format=FORMATS[precision], accumulation=accumulation, dtype=dtype)
-    except ValueError as error:
+        check_types(format_of(precision), accumulation, dtype, bias)
+    except InputError as error:
         table = combination_table(device)
         raise InputError(f"{error}; on {wp.get_device(device)} these are supported:\n{table}") from None

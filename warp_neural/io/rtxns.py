@@ -24,6 +24,7 @@ import numpy as np
 
 from warp_neural.errors import InputError
 from warp_neural.io.files import atomic_path
+from warp_neural.kernels.errors import require
 from warp_neural.kernels.nn.spec import round_up
 
 _HEADER = struct.Struct("<I4I2i4x" + 8 * "2I2Q2I" + "i4xQ")
@@ -94,12 +95,13 @@ def read_binary(path: Path | str) -> RtxnsNetwork:
 
 
 def write_binary(
-    path: Path | str, network: RtxnsNetwork, *, precision: type = np.float16, column_major: bool = False
+    path: Path | str, network: RtxnsNetwork, *, precision: str = "float16", column_major: bool = False
 ) -> None:
-    """Write RTXNS's binary form, rounding to `precision`, float16 (all that RTXNS itself reads) or float32.
+    """Write RTXNS's binary form, rounding to `precision`, "float16" (all that RTXNS itself reads) or "float32".
 
     Raises `InputError` for more than 8 layers, hidden layers of different widths, and values beyond the precision.
     """
+    require(precision in ("float16", "float32"), "precision", precision, "float16 or float32")
     sizes = network.sizes
     if len(sizes) > _MAX_LAYERS + 1 or len(set(sizes[1:-1])) > 1:
         raise InputError(

@@ -86,8 +86,8 @@ def load_rtxns(
     return make_network(path, data, device=device)
 
 
-def save_rtxns(net: MLP, path: Path | str, *, precision: type = np.float16) -> None:
-    """Write one network for RTXNS: to `.bin` its binary of `precision`, float16 or float32, to `.json` its JSON.
+def save_rtxns(path: Path | str, net: MLP, *, precision: str = "float16") -> None:
+    """Write one network for RTXNS: to `.bin` its binary of `precision`, "float16" or "float32", to `.json` its JSON.
 
     Activations and encoding are not in these files. Raises `InputError` for what `write_binary` refuses, for several
     networks, and for an encoding with parameters.
@@ -96,7 +96,7 @@ def save_rtxns(net: MLP, path: Path | str, *, precision: type = np.float16) -> N
 
 
 def write_rtxns(
-    path: Path | str, network: RtxnsNetwork, precision: type = np.float16, column_major: bool = False
+    path: Path | str, network: RtxnsNetwork, precision: str = "float16", column_major: bool = False
 ) -> None:
     """The form that the suffix says."""
     if Form.of_suffix(path) is Form.RTXNS_JSON:

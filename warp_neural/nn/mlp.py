@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_neural.coopvec import check_combination
 from warp_neural.errors import InputError
 from warp_neural.kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
 from warp_neural.kernels.coopvec.network import make_network
@@ -17,12 +16,13 @@ from warp_neural.kernels.coopvec.rows import (
     make_of_row,
     make_of_row_together,
 )
+from warp_neural.kernels.errors import require
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.encodings.base import Encoding
 from warp_neural.kernels.nn.encodings.network import make_encode_kernel, make_encoded
 from warp_neural.kernels.nn.mlp import make_layer_kernel, make_mlp, make_tiled_mlp
-from warp_neural.kernels.nn.spec import FORMATS, INT8, NetworkSpec, Parameters, round_up, select_network
+from warp_neural.kernels.nn.spec import INT8, NetworkSpec, Parameters, format_of, round_up, select_network
 from warp_neural.nn.initialization import xavier_uniform
 
 IMPLEMENTATIONS = {"cooperative": make_network, "per_thread": make_mlp, "tiled": make_tiled_mlp}
@@ -66,10 +66,8 @@ class MLP:
         seed: int = 0,
         device: wp.DeviceLike = None,
     ):
-        if precision not in FORMATS:
-            raise InputError(f"precision={precision!r}: not one of {', '.join(FORMATS)}")
-        if implementation not in IMPLEMENTATIONS:
-            raise InputError(f"implementation={implementation!r}: not one of {', '.join(IMPLEMENTATIONS)}")
+        names = ", ".join(IMPLEMENTATIONS)
+        require(implementation in IMPLEMENTATIONS, "implementation", implementation, f"one of {names}")
         if not 0 <= depth <= 8:
             raise InputError(f"depth={depth}: a network has 0 to 8 hidden layers")
         if count < 1:
@@ -79,8 +77,7 @@ class MLP:
             raise InputError("dtype=float16 with an encoding: encodings give float32; leave dtype out")
         self.n_in, self.encoding = n_in, encoding
         sizes = (encoding.n_out(n_in) if encoding else n_in, *[width] * depth, n_out)
-        check_combination(precision, accumulation, dtype, device=device)
-        self.spec = NetworkSpec(sizes, activation, output_activation, FORMATS[precision], accumulation, dtype)
+        self.spec = NetworkSpec(sizes, activation, output_activation, format_of(precision), accumulation, dtype)
         self.count, self.implementation = count, implementation
         rng = np.random.default_rng(seed)
         shapes = self.spec.layers * count
@@ -111,6 +108,24 @@ class MLP:
     @property
     def vec_out(self) -> type:
         return self.spec.vec_out
+
+    @property
+    def n_out(self) -> int:
+        return self.spec.sizes[-1]
+
+    @property
+    def depth(self) -> int:
+        """Hidden layers."""
+        return len(self.spec.layers) - 1
+
+    @property
+    def width(self) -> int:
+        """Of the hidden layers; 0 without any."""
+        return self.spec.sizes[1] if self.depth else 0
+
+    @property
+    def precision(self) -> str:
+        return self.spec.format.name
 
     @property
     def n_parameters(self) -> int:

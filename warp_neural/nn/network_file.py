@@ -12,7 +12,7 @@ from warp_neural.nn.mlp import MLP
 from warp_neural.nn.network_data import NetworkData, read_network, write_network
 
 
-def save_network(net: MLP, path: Path | str) -> None:
+def save_network(path: Path | str, net: MLP) -> None:
     """Write `net`, whole or not at all. Raises `InputError` for activations that are not `wn.activations`."""
     write_network(path, from_mlp(net))
 

@@ -24,7 +24,7 @@ class FusedCpu(Steps):
         self.kernel = make_cpu_gradient_kernel(net.spec, sample, loss, net.encode if net.encoding else None, adjoint)
         self.scratch = wp.zeros(areas(net.spec)[1], dtype=float, device=net.device)
         self.x = wp.zeros(CHUNK, dtype=net.vec_in, device=net.device)
-        self.target = wp.zeros(CHUNK, dtype=wp.types.vector(net.spec.sizes[-1], float), device=net.device)
+        self.target = wp.zeros(CHUNK, dtype=wp.types.vector(net.n_out, float), device=net.device)
 
     def gradient(self, micro: int) -> None:
         net, chunk = self.net, [self.scratch, self.x, self.target]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import warp as wp
 
+from warp_neural.kernels.errors import LARGEST, is_finite, require, require_whole
 from warp_neural.kernels.nn.spec import Parameters
 
 UNROLL = """
@@ -60,7 +61,7 @@ ENTER_ADJOINT = f"real* const grad = params.master.grad ? params.master.grad + s
 class Encoding(ABC):
     """A function of n_in inputs with n_out results, for the front of a network; some have trainable parameters.
 
-    `initial`: uniform range of fresh parameters. Sizes that an encoding cannot take are a `ValueError`.
+    `initial`: uniform range of fresh parameters. Sizes that an encoding cannot take are an `InputError`.
     """
 
     @property
@@ -219,7 +220,18 @@ def numbers(values) -> str:
     return ", ".join(number(value) for value in values)
 
 
-def require_positive(encoding: Encoding, *names: str) -> None:
+def require_sizes(encoding: Encoding, *names: str, high: int = LARGEST) -> None:
+    """Whole numbers from 1 on."""
     for name in names:
-        if getattr(encoding, name) < 1:
-            raise ValueError(f"{type(encoding).__name__}({name}={getattr(encoding, name)}): at least 1 is needed")
+        require_whole(f"{type(encoding).__name__}: {name}", getattr(encoding, name), 1, high)
+
+
+def require_range(encoding: Encoding) -> None:
+    """Of `initial`."""
+    ends = encoding.initial
+    valid = isinstance(ends, tuple) and len(ends) == 2 and all(map(is_finite, ends)) and ends[0] <= ends[1]
+    require(valid, f"{type(encoding).__name__}: initial", ends, "a range of two finite numbers, the smaller first")
+
+
+def require_inputs(encoding: Encoding, n_in: int, low: int, high: int) -> None:
+    require_whole(f"{type(encoding).__name__}: n_in", n_in, low, high)

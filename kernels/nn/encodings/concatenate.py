@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from math import gcd
 
+from warp_neural.kernels.errors import InputError, require
 from warp_neural.kernels.nn.encodings.base import Encoding, Leaf
 
 
@@ -18,13 +19,18 @@ class Concatenate(Encoding):
     inputs: tuple[tuple[int, ...], ...] | None = None
 
     def __post_init__(self):
-        if not self.parts:
-            raise ValueError("Concatenate: no parts; at least one is needed")
-        if self.inputs is not None and len(self.inputs) != len(self.parts):
-            raise ValueError(f"Concatenate: inputs of {len(self.inputs)} for {len(self.parts)} parts; give one a part")
+        valid = isinstance(self.parts, tuple) and all(isinstance(part, Encoding) for part in self.parts) and self.parts
+        require(valid, "Concatenate: parts", self.parts, "a tuple of encodings, at least one")
+        if self.inputs is not None:
+            valid = isinstance(self.inputs, tuple) and all(isinstance(indices, tuple) for indices in self.inputs)
+            require(valid, "Concatenate: inputs", self.inputs, "a tuple of indices for each part")
+            if len(self.inputs) != len(self.parts):
+                raise InputError(
+                    f"Concatenate: inputs of {len(self.inputs)} for {len(self.parts)} parts; give one a part"
+                )
         ranges = {part.initial for part in self.parts} - {(0.0, 0.0)}
         if len(ranges) > 1:
-            raise ValueError(f"Concatenate: initial ranges {sorted(ranges)}; give the parts one, `initial`")
+            raise InputError(f"Concatenate: initial ranges {sorted(ranges)}; give the parts one, `initial`")
 
     @property
     def initial(self) -> tuple[float, float]:
@@ -44,7 +50,9 @@ class Concatenate(Encoding):
         """Each part with the inputs that it reads."""
         for indices in self.inputs or ():
             if not indices or not all(0 <= i < n_in for i in indices):
-                raise ValueError(f"Concatenate: a part reads inputs {indices} of {n_in}")
+                raise InputError(
+                    f"Concatenate: a part reads inputs {indices} of {n_in}; give indices of 0 to {n_in - 1}"
+                )
         return list(zip(self.parts, self.inputs or [tuple(range(n_in))] * len(self.parts), strict=True))
 
     def leaves(self, n_in: int) -> list[Leaf]:

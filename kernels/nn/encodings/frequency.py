@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
+from warp_neural.kernels.errors import is_finite, require
 from warp_neural.kernels.native import both
-from warp_neural.kernels.nn.encodings.base import Encoding, number, numbers, require_positive
+from warp_neural.kernels.nn.encodings.base import Encoding, number, numbers, require_sizes
 
 # sin and cos of pi (q + r) for integer q, |r| <= 1/2: least maximum errors, 3e-9 and 5e-8. Both take the sign (-1)^q
 SINE = (3.141592580044165, -5.16770687889041, 2.5500313766743026, -0.5980451704200082, 0.07722012153830903)
@@ -35,9 +36,7 @@ class TriangleWave(Encoding):
     octaves: int = 12
 
     def __post_init__(self):
-        require_positive(self, "octaves")
-        if self.octaves > 24:
-            raise ValueError(f"TriangleWave(octaves={self.octaves}): float32 holds 24")
+        require_sizes(self, "octaves", high=24)  # float32 holds no more
 
     def n_out(self, n_in: int) -> int:
         return self.octaves * n_in
@@ -76,9 +75,9 @@ class Frequency(Encoding):
     lowest: float = 1.0
 
     def __post_init__(self):
-        require_positive(self, "octaves")
-        if not 0 < self.lowest < float("inf"):
-            raise ValueError(f"Frequency(lowest={self.lowest}): a positive number of half turns is needed")
+        require_sizes(self, "octaves", high=64)
+        valid = is_finite(self.lowest) and self.lowest > 0
+        require(valid, "Frequency: lowest", self.lowest, "a positive number of half turns")
 
     def n_out(self, n_in: int) -> int:
         return 2 * self.octaves * n_in

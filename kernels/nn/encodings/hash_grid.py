@@ -1,10 +1,21 @@
 """The multiresolution hash grid: trainable features at the vertices of grids from coarse to fine."""
 
+from ctypes import c_float
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, log2
 from typing import NamedTuple
 
-from warp_neural.kernels.nn.encodings.base import UNROLL, Encoding, add_entry, numbers, read_entry, require_positive
+from warp_neural.kernels.errors import InputError, is_finite, require
+from warp_neural.kernels.nn.encodings.base import (
+    UNROLL,
+    Encoding,
+    add_entry,
+    numbers,
+    read_entry,
+    require_inputs,
+    require_range,
+    require_sizes,
+)
 from warp_neural.kernels.nn.spec import round_up
 
 SHARED_SUMS = 1 << 12, 46 << 10  # entries of a table at most, and bytes of all such tables: what shared memory holds
@@ -20,6 +31,11 @@ class Level(NamedTuple):
     factors: list[int]  # of the vertex coordinates: their products are added, or if hashed, combined by exclusive or
 
 
+def single(value: float) -> float:
+    """Rounded to float32."""
+    return c_float(value).value
+
+
 @dataclass(frozen=True)
 class HashGrid(Encoding):
     """`levels` * `features` values at a point of [0, 1]^d, d = 1 to 4 (Mueller et al. 2022), d-linear in each cell.
@@ -28,6 +44,10 @@ class HashGrid(Encoding):
     floats. A level whose vertices all fit has an entry for each; in a finer one they share entries by a hash. Grids,
     tables and their order are tiny-cuda-nn's (defaults too), and so is the half cell by which all grids are shifted;
     near 1 it lets a dense level reach past its last vertex, where it reads another row's. Results go by level.
+
+    Sizes follow tiny-cuda-nn's float32, so a growth that is no float32 number may add a row of vertices: growth 2^(1/3)
+    from 4 vertices has 33 of them, 1,096 entries in 2D, at level 9, and not 32. They could differ by as much where the
+    C library rounds `exp2f` or `log2f` otherwise than to nearest. Dimensions are 1 to 4; theirs go to 10.
     """
 
     levels: int = 16
@@ -38,13 +58,16 @@ class HashGrid(Encoding):
     initial: tuple[float, float] = (-1e-4, 1e-4)
 
     def __post_init__(self):
-        require_positive(self, "levels", "features", "log2_size", "base_resolution", "growth")
-        if self.log2_size > 28 or self.base_resolution * self.growth ** (self.levels - 1) > 2**30:
-            raise ValueError(f"{self}: tables have at most 2^28 entries, and levels 2^30 vertices a side")
+        require_sizes(self, "levels", high=256)
+        require_sizes(self, "features", "base_resolution")
+        require_sizes(self, "log2_size", high=28)
+        require(is_finite(self.growth) and self.growth >= 1, "HashGrid: growth", self.growth, "a number >= 1")
+        if log2(self.base_resolution) + log2(self.growth) * (self.levels - 1) > 30:
+            raise InputError(f"{self}: more than 2^30 vertices a side; give fewer levels or a smaller growth")
+        require_range(self)
 
     def n_out(self, n_in: int) -> int:
-        if not 1 <= n_in <= 4:
-            raise ValueError(f"HashGrid: {n_in} inputs; it takes 1 to 4")
+        require_inputs(self, n_in, 1, 4)
         return self.levels * self.features
 
     @property
@@ -69,11 +92,16 @@ class HashGrid(Encoding):
         last = self.tables(n_in)[-1]
         return last.start + last.size * self.features
 
+    def scale(self, level: int) -> float:
+        """Vertices a side, less the one at the end; rounded to float32 where tiny-cuda-nn does (`grid_scale`)."""
+        exponent = single(level * single(log2(single(self.growth))))
+        return single(single(single(2**exponent) * self.base_resolution) - 1)
+
     def tables(self, n_in: int) -> list[Level]:
         tables, start = [], 0
         for level in range(self.levels):
-            scale = self.base_resolution * self.growth**level - 1  # vertices lie at both ends
-            resolution = ceil(round(scale, 3)) + 1  # rounded: growth is often the root of a whole number
+            scale = self.scale(level)
+            resolution = ceil(scale) + 1
             vertices = resolution**n_in
             size = min(round_up(vertices, 8), 2**self.log2_size)
             hashed = vertices > size

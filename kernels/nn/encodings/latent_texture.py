@@ -2,7 +2,16 @@
 
 from dataclasses import dataclass
 
-from warp_neural.kernels.nn.encodings.base import Encoding, add_entry, number, read_entry, require_positive
+from warp_neural.kernels.errors import require_whole
+from warp_neural.kernels.nn.encodings.base import (
+    Encoding,
+    add_entry,
+    number,
+    read_entry,
+    require_inputs,
+    require_range,
+    require_sizes,
+)
 
 
 @dataclass(frozen=True)
@@ -21,7 +30,9 @@ class LatentTexture(Encoding):
     initial: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self):
-        require_positive(self, "width", "height", "channels")
+        require_sizes(self, "width", "height", "channels")
+        require_whole("LatentTexture: width * height * channels", self.width * self.height * self.channels)
+        require_range(self)
 
     @property
     def sparse(self) -> bool:
@@ -32,8 +43,7 @@ class LatentTexture(Encoding):
         return 4  # one for each texel
 
     def n_out(self, n_in: int) -> int:
-        if n_in != 2:
-            raise ValueError(f"LatentTexture: {n_in} inputs; it takes two, u and v")
+        require_inputs(self, n_in, 2, 2)  # u and v
         return self.channels
 
     def n_parameters(self, n_in: int) -> int:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from warp_neural.kernels.nn.encodings.base import Encoding, require_positive
+from warp_neural.kernels.nn.encodings.base import Encoding, require_sizes
 
 # The kernel 15/16 (1 - u^2)^2 on [-1, 1], of radius one bin, and its integral; tiny-cuda-nn takes it for a Gaussian
 QUARTIC = """
@@ -26,7 +26,7 @@ class OneBlob(Encoding):
     bins: int = 16
 
     def __post_init__(self):
-        require_positive(self, "bins")
+        require_sizes(self, "bins")
 
     def n_out(self, n_in: int) -> int:
         return self.bins * n_in

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import factorial, pi, sqrt
 
-from warp_neural.kernels.nn.encodings.base import Encoding, number
+from warp_neural.kernels.nn.encodings.base import Encoding, number, require_inputs, require_sizes
 
 MAX_DEGREE = 8
 
@@ -21,12 +21,10 @@ class SphericalHarmonics(Encoding):
     degree: int = 4
 
     def __post_init__(self):
-        if not 1 <= self.degree <= MAX_DEGREE:
-            raise ValueError(f"SphericalHarmonics(degree={self.degree}): 1 to {MAX_DEGREE} are needed")
+        require_sizes(self, "degree", high=MAX_DEGREE)
 
     def n_out(self, n_in: int) -> int:
-        if n_in != 3:
-            raise ValueError(f"SphericalHarmonics: {n_in} inputs; it takes the three of a direction")
+        require_inputs(self, n_in, 3, 3)  # of a direction
         return self.degree**2
 
     def encode_text(self, n_in: int, aligned: int) -> str:
