@@ -83,15 +83,14 @@ def check_encoded_batch(encoding, n_in, device, precision="float16", n=333):
     net.master.assign(rng.normal(size=net.master.size).astype(np.float32))
     exact = x.astype(np.float64), net.master.numpy()[net.encoding_start :].astype(np.float64)
     inputs = [net.params, launches.data, run.progress, 0]
-    for leaf in launches.leaves:
-        leaf.encode(inputs)
-    encoded = launches.encoded.numpy()
+    batch = launches.encoded_batch
+    batch.encode(inputs)
+    encoded = batch.values.numpy()
     assert not encoded[n:].any()
     dy = rng.normal(size=encoded.shape).astype(encoded.dtype)
-    launches.encoded.assign(dy)
+    batch.values.assign(dy)
     net.gradient.zero_()
-    for leaf in launches.leaves:
-        leaf.adjoint(inputs)
+    batch.adjoint(inputs)
     gradient = net.gradient.numpy()
     assert not gradient[: net.encoding_start].any()
     expected_gradient = expected(encoding, *exact, dy[:n].astype(np.float64))

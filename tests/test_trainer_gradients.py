@@ -6,7 +6,6 @@ from trainers import check_encoded, check_gradient, trainer
 
 import warp_neural as wn
 from warp_neural import activations, encodings, losses
-from warp_neural.kernels.training.mma.schedule import make_schedule
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
 CASES = [
@@ -88,13 +87,3 @@ def test_gradient_of_a_loss(device, loss):
     net = random_biases(wn.MLP(4, 3, 16, 1, device=device, precision="float16"))
     gradients = [trainer(net, 64, fused=fused, loss=loss)[0].gradient() for fused in (None, False)]
     assert error(*gradients) < 5e-3
-
-
-def test_which_networks_have_a_schedule():
-    """Shared memory and registers are enough up to these depths, on an H200 and on a GeForce."""
-    for shared, shapes in ((227, ((16, 8), (32, 5), (64, 4))), (99, ((16, 5), (32, 3)))):
-        for width, depth in shapes:
-            schedule = make_schedule(wn.MLP(width, 16, width, depth, device="cpu").spec, shared * 1024)
-            assert schedule.words * 4 <= (shared - 15) * 1024 and schedule.sums <= 208
-    assert make_schedule(wn.MLP(128, 16, 128, 3, device="cpu").spec) is None
-    assert make_schedule(wn.MLP(64, 16, 64, 3, device="cpu").spec, 99 * 1024) is None

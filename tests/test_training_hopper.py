@@ -10,11 +10,10 @@ import warp_neural as wn
 from warp_neural import activations, encodings
 from warp_neural.kernels.nn.losses import l2
 from warp_neural.kernels.nn.spec import BFLOAT16, NetworkSpec
-from warp_neural.kernels.training.fused import make_gradient_kernel
-from warp_neural.kernels.training.hopper64 import schedule as hopper64
-from warp_neural.kernels.training.hopper128 import schedule as hopper128
-from warp_neural.kernels.training.hopper128.lower_step import make_lower_kernel
-from warp_neural.train.layout import fragment_order
+from warp_neural.kernels.training.fused import make_kernels
+from warp_neural.kernels.training.lower import make_lower_kernel
+from warp_neural.kernels.training.rooms import choose_schedule
+from warp_neural.kernels.training.schedule import HOPPER_BYTES
 from warp_neural.train.optim import SGD
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
@@ -60,22 +59,6 @@ def test_batches_grow_and_add_up(device, width, depth):
         run.run(1, quiet=True)
 
 
-def schedule_of(spec: NetworkSpec):
-    return hopper64.make_schedule(spec) or hopper128.make_schedule(spec)
-
-
-@pytest.mark.parametrize("sizes", [(64, 64, 64, 64, 16), (3, 64, 1), (128, 128, 128, 128, 16), (70, 128, 128, 9)])
-def test_every_parameter_has_one_place_in_one_pass(sizes):
-    spec = NetworkSpec(sizes)
-    schedule = schedule_of(spec)
-    order = fragment_order(schedule)
-    assert sorted(order[order >= 0]) == list(range(spec.n_parameters))
-    passes = [schedule, schedule.lower] if schedule.lower else [schedule]
-    assert all(p.words * 4 <= (227 - 15) * 1024 and p.sums <= 136 for p in passes)
-    if sizes[1] == 128:
-        assert sorted(index for p in passes for index in p.gradients) == list(range(len(sizes) - 1))
-
-
 vec40 = wp.types.vector(40, float)
 
 
@@ -88,10 +71,11 @@ def point(index: int, random: wp.uint32):
 def test_compiles_for_hopper(width, depth, tmp_path, monkeypatch):
     monkeypatch.setattr(wp.config, "cuda_arch_suffix", "a")
     spec = NetworkSpec((40, *[width] * depth, 3), format=BFLOAT16)
-    schedule = schedule_of(spec)
-    kernels = [make_gradient_kernel(spec, schedule, point, l2)]
+    schedule = choose_schedule(spec, 90, HOPPER_BYTES)
+    assert schedule.arch_suffix == "a"
+    kernels = make_kernels(spec, schedule, point, l2)
     if schedule.lower:
-        kernels += [make_lower_kernel(spec, schedule.lower, from_encoded) for from_encoded in (False, True)]
+        kernels.append(make_lower_kernel(spec, schedule, int, True))
     for i, kernel in enumerate(kernels):
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / f"{i}")
         assert artifact.suffixes == [".sm90a", ".cubin"]

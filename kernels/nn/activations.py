@@ -53,6 +53,8 @@ squareplus = Activation(
     "squareplus", "0.5f * (z + wp::sqrt(z * z + 4.0f))", "0.5f * (1.0f + z / wp::sqrt(z * z + 4.0f))"
 )  # Barron 2021, "Squareplus", with b = 4
 
+SAME_SLOPE = (linear, relu, leaky_relu)  # the derivative at f(z) is that at z, so that z need not be kept
+
 ALL = (
     linear, relu, leaky_relu, exponential, shifted_exponential, sigmoid, tanh, silu, gelu, softplus, sine, squareplus,
 )  # fmt: skip

@@ -1,7 +1,7 @@
-"""The fused kernel of a training step on CUDA: samples, forward, loss, backward and the sums of gradients."""
+"""The kernels of a fused training step on CUDA: samples, forward, loss, backward and the sums of gradients."""
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
@@ -9,109 +9,21 @@ from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.encoded_batch import encoded_type
-from warp_neural.kernels.training.hopper64 import backward as hopper64_backward
-from warp_neural.kernels.training.hopper64 import forward as hopper64
-from warp_neural.kernels.training.hopper64.schedule import Hopper64Schedule
-from warp_neural.kernels.training.hopper128 import backward as hopper128_backward
-from warp_neural.kernels.training.hopper128 import forward as hopper128
-from warp_neural.kernels.training.hopper128.schedule import Hopper128Schedule
-from warp_neural.kernels.training.mma import backward as mma_backward
-from warp_neural.kernels.training.mma import forward as mma
-from warp_neural.kernels.training.mma.finish import finish_text
-from warp_neural.kernels.training.mma.schedule import MmaSchedule
+from warp_neural.kernels.training.functions import make_functions
+from warp_neural.kernels.training.lower import make_lower_kernel
 from warp_neural.kernels.training.progress import Progress, batch_of
+from warp_neural.kernels.training.schedule import Schedule
 from warp_neural.kernels.training.taped import data_type, make_draw
 
-FusedSchedule = MmaSchedule | Hopper64Schedule | Hopper128Schedule
 
-
-class Texts(NamedTuple):
-    """The native functions that a fused kernel is made of, or their texts; see the rooms."""
-
-    begin: Any
-    forward: Any
-    upper_layers: Any
-    begin_first_layer: Any
-    first_layer: Any
-    input_gradient: Any
-    finish: Any
-
-
-def cuda_only(text: str, otherwise: str = "") -> str:
-    return f"#if defined(__CUDA_ARCH__)\n{text}\n#else\n{otherwise}\n#endif\n"
-
-
-def make_texts(spec: NetworkSpec, schedule: FusedSchedule, x_type: type, input_gradient: bool) -> Texts:
-    if isinstance(schedule, MmaSchedule):
-        return Texts(
-            mma.begin_text(spec, schedule),
-            mma.forward_text(spec, schedule),
-            mma_backward.upper_layers_text(spec, schedule),
-            "return sums;",
-            mma_backward.first_layer_text(spec, schedule, input_gradient),
-            mma_backward.input_gradient_text(spec, schedule, x_type),
-            finish_text(schedule),
-        )
-    on_128 = isinstance(schedule, Hopper128Schedule)
-    forward, backward = (hopper128, hopper128_backward) if on_128 else (hopper64, hopper64_backward)
-    return Texts(
-        hopper64.begin_text(spec, schedule),
-        forward.forward_text(spec, schedule, x_type is wp.float16),
-        backward.upper_layers_text(spec, schedule),
-        backward.begin_first_layer_text(spec, schedule),
-        backward.first_layer_text(spec, schedule, input_gradient),
-        hopper64_backward.input_gradient_text(spec, schedule, forward.enter(spec, schedule), x_type),
-        backward.finish_text(schedule),
-    )
-
-
-@cache
-def make_functions(spec: NetworkSpec, schedule: FusedSchedule, x_type: type, input_gradient: bool) -> Texts:
-    """x_type: of the elements of the network's inputs and their gradients."""
-    vec_in, vec_out = wp.types.vector(spec.sizes[0], x_type), wp.types.vector(spec.sizes[-1], wp.float32)
-    shared, sums = wp.tile(dtype=wp.uint32, shape=(schedule.words,)), wp.types.vector(schedule.sums, wp.float32)
-
-    texts = make_texts(spec, schedule, x_type, input_gradient)
-
-    @wp.func_native(cuda_only(texts.begin))
-    def begin(params: Parameters, memory: shared): ...
-
-    @wp.func_native(cuda_only(texts.forward, "return {};"))
-    def forward(params: Parameters, memory: shared, x: vec_in, kept: wp.array[wp.vec4ui], start: int) -> vec_out: ...
-
-    @wp.func_native(cuda_only(texts.upper_layers, "return sums;"))
-    def upper_layers(
-        memory: shared, sums: sums, z: vec_out, dy: vec_out, kept: wp.array[wp.vec4ui], start: int
-    ) -> sums: ...
-
-    @wp.func_native(cuda_only(texts.begin_first_layer, "return sums;"))
-    def begin_first_layer(memory: shared, sums: sums) -> sums: ...
-
-    @wp.func_native(cuda_only(texts.first_layer, "return sums;"))
-    def first_layer(memory: shared, sums: sums) -> sums: ...
-
-    @wp.func_native(cuda_only(texts.input_gradient, "return {};"))
-    def dx(memory: shared) -> vec_in: ...
-
-    finish = make_finish(texts.finish, shared, sums)
-    return Texts(begin, forward, upper_layers, begin_first_layer, first_layer, dx, finish)
-
-
-def make_finish(text: str, shared: Any, sums: type) -> wp.Function:
-    """What a block leaves in its row of `partial`; a flag if it is not finite. shared, sums: types of its memory."""
-
-    @wp.func_native(cuda_only(text))
-    def finish(
-        memory: shared,
-        sums: sums,
-        loss: float,
-        partial: wp.array2d[float],
-        flags: wp.array[int],
-        parity: int,
-        add: bool,
-    ): ...
-
-    return finish
+def make_kernels(
+    spec: NetworkSpec, schedule: Schedule, sample: wp.Function, loss: Loss, encode=None, from_encoded: bool = False
+) -> list[wp.Kernel]:
+    """One for each pass, with the dims and arguments of `make_gradient_kernel`."""
+    kernels = [make_gradient_kernel(spec, schedule, sample, loss, encode, from_encoded)]
+    if schedule.lower:
+        kernels.append(make_lower_kernel(spec, schedule, data_type(sample), from_encoded))
+    return kernels
 
 
 @cache
@@ -153,14 +65,9 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
     return results
 
 
-def samples_of(schedule: FusedSchedule) -> int:
-    """Of a block in a round."""
-    return schedule.threads // 32 * schedule.lanes
-
-
 @cache
 def make_gradient_kernel(
-    spec: NetworkSpec, schedule: FusedSchedule, sample: wp.Function, loss: Loss, encode=None, from_encoded: bool = False
+    spec: NetworkSpec, schedule: Schedule, sample: wp.Function, loss: Loss, encode=None, from_encoded: bool = False
 ) -> wp.Kernel:
     """The fused kernel for CUDA: dim blocks * schedule.threads, block_dim schedule.threads.
 
@@ -169,7 +76,7 @@ def make_gradient_kernel(
     every block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
 
     encode: an encoding without parameters. from_encoded: x is row i of `encoded`, which then holds its gradient.
-    kept: what `make_lower_kernel` needs (`kept_units`).
+    kept: what a lower pass needs [schedule.kept_units].
     """
     draw, data, encoded_of = make_draw(sample), data_type(sample), encoded_type(spec.format)
     vec_in = wp.types.vector(spec.sizes[0], encoded_of if from_encoded else wp.float32 if encode else spec.dtype)
@@ -178,7 +85,7 @@ def make_gradient_kernel(
     sums_type = wp.types.vector(schedule.sums, wp.float32)
     begin, forward, upper_layers, begin_first_layer, first_layer, input_gradient, finish = functions
     input, results = make_input(encode, vec_in, from_encoded), make_results(spec, loss)
-    words, per_round, store = schedule.words, samples_of(schedule), make_store(spec.sizes[0], encoded_of)
+    words, per_round, store = schedule.words, schedule.round_samples, make_store(spec.sizes[0], encoded_of)
 
     @wp.kernel(module="unique", enable_backward=False, launch_bounds=schedule.threads)
     def gradient_kernel(

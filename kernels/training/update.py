@@ -6,19 +6,19 @@ import warp as wp
 
 from warp_neural.kernels.coopvec.formats import make_encode
 from warp_neural.kernels.nn.spec import NetworkSpec
-from warp_neural.kernels.training.mma.schedule import MmaSchedule
 from warp_neural.kernels.training.progress import Progress, batch_of, rate_of
+from warp_neural.kernels.training.schedule import Schedule
 
 COLUMNS = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
 
 
-def adders(schedule: MmaSchedule) -> int:
-    """Warps of a block that add up slices: warp w those of blocks w, w + adders, ... More are faster as long as all
+def adders(schedule: Schedule) -> int:
+    """Warps of a block that add up block sums: warp w those of blocks w, w + adders, ... More are faster as long as all
     fit at once."""
     return 16 if schedule.floats < 128 * COLUMNS else 8
 
 
-def update_block(schedule: MmaSchedule) -> int:
+def update_block(schedule: Schedule) -> int:
     """Threads of a block: a warp that updates, and `adders`."""
     return COLUMNS * (1 + adders(schedule))
 
@@ -28,7 +28,7 @@ def sum_text(adders: int) -> str:
     return f"""#if defined(__CUDA_ARCH__)
 using real = wp::float32;
 __shared__ real sums[{COLUMNS * adders}];
-const unsigned lane = threadIdx.x % 32u, blocks = partial.shape[0], slice = partial.shape[1];
+const unsigned lane = threadIdx.x % 32u, blocks = partial.shape[0], count = partial.shape[1];
 real total = 0.0f;
 if (threadIdx.x >= 32u) {{
     for (unsigned from = threadIdx.x / 32u - 1u; from < blocks; from += {adders * held}u) {{
@@ -36,7 +36,7 @@ if (threadIdx.x >= 32u) {{
 #pragma unroll
         for (unsigned i = 0; i < {held}u; ++i) {{
             const unsigned b = from + i * {adders}u;
-            held[i] = b < blocks && column < slice ? partial.data[b * slice + column] : 0.0f;
+            held[i] = b < blocks && column < count ? partial.data[b * count + column] : 0.0f;
         }}
 #pragma unroll
         for (unsigned i = 0; i < {held}u; ++i) total += held[i];
@@ -143,7 +143,7 @@ def advance(progress: Progress, dynamic: bool):
 
 
 @cache
-def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, schedule: MmaSchedule) -> wp.Kernel:
+def make_fused_update_kernel(update: wp.Function, spec: NetworkSpec, schedule: Schedule) -> wp.Kernel:
     """After `make_gradient_kernel`: dim ceil((schedule.floats + 1) / COLUMNS) * update_block(schedule).
 
     order: which parameter each column of `partial` is (-1: padding). target: where the parameter lies in `packed`, in

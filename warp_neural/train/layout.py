@@ -4,13 +4,13 @@ import numpy as np
 
 from warp_neural.kernels.coopvec.layout import bias_is_half, network_layout
 from warp_neural.kernels.nn.spec import NetworkSpec
-from warp_neural.kernels.training.fused import FusedSchedule
 from warp_neural.kernels.training.hopper64.schedule import Hopper64Layer
 from warp_neural.kernels.training.hopper128.schedule import Hopper128Layer
 from warp_neural.kernels.training.mma.schedule import MmaLayer, MmaSchedule
+from warp_neural.kernels.training.schedule import Schedule
 
 
-def fragment_order(schedule: FusedSchedule) -> np.ndarray:
+def fragment_order(schedule: Schedule) -> np.ndarray:
     """Of each float of a block's gradient, the index of its parameter in `MLP.master`, -1 for padding. [floats]"""
     order = np.full(schedule.floats, -1, np.int32)
     for layer in schedule.layers:

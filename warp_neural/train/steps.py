@@ -8,29 +8,18 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warp_neural.kernels.nn.encodings.base import Leaf
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import Parameters
-from warp_neural.kernels.training.encoded_batch import (
-    SHARED_SUMS_TILE,
-    TILE,
-    encoded_type,
-    make_adjoint_sample,
-    make_encode_sample,
-    make_encoded_kernel,
-    make_shared_sums_kernel,
-    threads_of,
-)
-from warp_neural.kernels.training.fused import FusedSchedule, make_gradient_kernel, samples_of
-from warp_neural.kernels.training.hopper64 import schedule as hopper64
-from warp_neural.kernels.training.hopper128 import schedule as hopper128
-from warp_neural.kernels.training.hopper128.lower_step import kept_units, make_lower_kernel
-from warp_neural.kernels.training.mma.schedule import MmaSchedule, make_schedule
+from warp_neural.kernels.training.encoded_batch import TILE
+from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.progress import Progress
+from warp_neural.kernels.training.rooms import choose_schedule
+from warp_neural.kernels.training.schedule import Schedule
 from warp_neural.kernels.training.taped import collect_kernel, make_loss_kernel, make_sample_kernel
 from warp_neural.kernels.training.taped_update import GROUP, make_update_kernel
 from warp_neural.kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
 from warp_neural.nn.mlp import MLP
+from warp_neural.train.encoded_batch import EncodedBatch, launch
 from warp_neural.train.layout import fragment_order, packed_targets
 
 
@@ -91,72 +80,24 @@ class Taped(Steps):
         )
 
 
-def schedule_of(net: MLP) -> FusedSchedule | None:
+def schedule_of(net: MLP) -> Schedule | None:
     """How blocks of the network's CUDA device train it in one kernel; None if they cannot."""
-    spec, device = net.spec, net.device
-    if device.arch < spec.format.min_arch:
-        return None
-    hopper = hopper64.make_schedule(spec) or hopper128.make_schedule(spec) if device.arch == 90 else None
-    return hopper or make_schedule(spec, device.max_shared_memory_per_block)
+    return choose_schedule(net.spec, net.device.arch, net.device.max_shared_memory_per_block)
 
 
-def load_for(kernel: wp.Kernel, schedule: FusedSchedule, device: wp.Device) -> None:
-    """Compile and load the fused kernel. `wgmma` only exists in code for exactly one architecture, sm_90a."""
+def load_for(kernel: wp.Kernel, schedule: Schedule, device: wp.Device) -> None:
+    """Compile and load a kernel of a fused step, for the architecture that it needs."""
     before = wp.config.cuda_arch_suffix
-    wp.config.cuda_arch_suffix = before if isinstance(schedule, MmaSchedule) else "a"
+    wp.config.cuda_arch_suffix = schedule.arch_suffix or before
     try:
         wp.load_module(kernel.module, device, block_dim=schedule.threads)
     finally:
         wp.config.cuda_arch_suffix = before
 
 
-def launch(kernel: wp.Kernel, dim: int, inputs: list, block_dim: int, device: wp.Device) -> None:
-    wp.launch(kernel, dim, inputs, device=device, block_dim=block_dim, record_tape=False)
-
-
-class LeafSteps:
-    """The launches between the inputs and the results of one leaf of an encoding, which lie in `encoded`. aside:
-    another stream for what can run beside the rest."""
-
-    def __init__(self, leaf: Leaf, net: MLP, sample: wp.Function, encoded: wp.array, aside: wp.Stream):
-        n_in, parts, item = len(leaf.inputs), leaf.encoding.n_parts, encoded.strides[1]
-        n, format, self.device = leaf.encoding.n_out(n_in) // parts, net.spec.format, encoded.device
-        which = leaf, net.vec_in, net.encoding_start + leaf.parameter, format
-        shape, strides = (encoded.shape[0], parts, n), (encoded.strides[0], n * item, item)
-        first = encoded.ptr + leaf.result * item
-        self.encoded = wp.array(ptr=first, shape=shape, strides=strides, dtype=encoded.dtype, device=encoded.device)
-        self.threads, self.aside = threads_of(leaf, encoded.shape[0]), aside
-        self.trains, self.shared_sums = leaf.encoding.n_parameters(n_in) > 0, leaf.encoding.shared_sums(n_in) > 0
-        self.encode_kernel = make_encoded_kernel(sample, make_encode_sample(*which), leaf, format)
-        if self.trains:
-            self.adjoint_kernel = make_encoded_kernel(sample, make_adjoint_sample(*which), leaf, format)
-        if self.shared_sums:
-            self.shared_sums_kernel = make_shared_sums_kernel(sample, *which)
-
-    def encode(self, inputs: list) -> None:
-        launch(self.encode_kernel, self.threads, [*inputs, self.encoded], TILE, self.device)
-
-    def adjoint(self, inputs: list) -> None:
-        if self.shared_sums:  # side by side: one is held up by shared memory, the other by L2
-            blocks = min(self.device.sm_count, -(-self.encoded.shape[0] // SHARED_SUMS_TILE))
-            with wp.ScopedStream(self.aside):
-                launch(
-                    self.shared_sums_kernel,
-                    blocks * SHARED_SUMS_TILE,
-                    [*inputs, blocks, self.encoded],
-                    SHARED_SUMS_TILE,
-                    self.device,
-                )
-        if self.trains:
-            launch(self.adjoint_kernel, self.threads, [*inputs, self.encoded], TILE, self.device)
-        if self.shared_sums:
-            self.device.stream.wait_stream(self.aside)
-
-
 class FusedCuda(Steps):
-    """One kernel for samples, forward, loss and gradients, one for the update of all parameters.
-
-    Encodings with parameters have kernels before and after it, and an update of their own.
+    """One kernel for samples, forward, loss and the gradients of each block, or one for each of two passes; one for
+    their sum and the new parameters. A trainable encoding has kernels of its own before and after.
     """
 
     def __init__(
@@ -165,53 +106,37 @@ class FusedCuda(Steps):
         super().__init__(net, optimizer, progress, options, data)
         device = net.device
         self.schedule = schedule = schedule_of(net)
-        self.from_encoded = net.encoding is not None and net.encoding.n_parameters(net.n_in) > 0
-        encode = net.encode if net.encoding and not self.from_encoded else None
-        self.kernel = make_gradient_kernel(net.spec, schedule, sample, loss, encode, self.from_encoded)
-        load_for(self.kernel, schedule, device)
-        shape, format = (batch if self.from_encoded else 0, net.spec.sizes[0]), net.spec.format
-        self.encoded = wp.zeros(shape, dtype=encoded_type(format), device=device)
-        self.leaves = []
-        if self.from_encoded:
-            self.aside = wp.Stream(device)
-            self.leaves = [
-                LeafSteps(leaf, net, sample, self.encoded, self.aside) for leaf in net.encoding.leaves(net.n_in)
-            ]
+        self.encoded_batch = EncodedBatch(net, sample, batch)
+        encode = net.encode if net.encoding and not self.encoded_batch.used else None
+        self.kernels = make_kernels(net.spec, schedule, sample, loss, encode, self.encoded_batch.used)
+        for kernel in self.kernels:
+            load_for(kernel, schedule, device)
         self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, schedule)
-        blocks = min(device.sm_count, -(-batch // samples_of(schedule)))  # one on each multiprocessor
-        kept = 0
-        if schedule.lower:
-            self.lower_kernel = make_lower_kernel(net.spec, schedule.lower, self.from_encoded)
-            load_for(self.lower_kernel, schedule, device)
-            kept = kept_units(schedule.lower, blocks, batch)
-        self.kept = wp.empty(kept, dtype=wp.vec4ui, device=device)
+        blocks = min(device.sm_count, -(-batch // schedule.round_samples))  # one on each multiprocessor
+        self.kept = wp.empty(schedule.kept_units(blocks, batch), dtype=wp.vec4ui, device=device)
         self.partial = wp.zeros((blocks, schedule.block_sums), dtype=float, device=device)
         self.order = wp.array(fragment_order(schedule), dtype=int, device=device)
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
 
     def gradient(self, micro: int) -> None:
-        inputs = [self.net.params, self.data, self.progress, micro]
-        for leaf in self.leaves:
-            leaf.encode(inputs)
-        threads, arrays = self.schedule.threads, [self.partial, self.encoded, self.kept]
-        launch(self.kernel, self.partial.shape[0] * threads, [*inputs, *arrays], threads, self.net.device)
-        if self.schedule.lower:
-            lower = [self.net.params, self.progress, micro, *arrays]
-            launch(self.lower_kernel, self.partial.shape[0] * threads, lower, threads, self.net.device)
-        for leaf in self.leaves:
-            leaf.adjoint(inputs)
+        inputs, threads = [self.net.params, self.data, self.progress, micro], self.schedule.threads
+        self.encoded_batch.encode(inputs)
+        for kernel in self.kernels:
+            arrays = [self.partial, self.encoded_batch.values, self.kept]
+            launch(kernel, self.partial.shape[0] * threads, [*inputs, *arrays], threads, self.net.device)
+        self.encoded_batch.adjoint(inputs)
 
     def update(self) -> None:
-        net = self.net
-        if self.from_encoded:
-            with wp.ScopedStream(self.aside):
+        net, aside = self.net, self.encoded_batch.aside
+        if aside:
+            with wp.ScopedStream(aside):
                 self.update_from(net.encoding_start, last=False)
         arrays = [self.partial, self.order, self.target, net.master, net.packed]
         block = update_block(self.schedule)
         dim = -(-(self.schedule.floats + 1) // COLUMNS) * block
         launch(self.update_kernel, dim, [self.progress, self.options, *arrays], block, self.net.device)
-        if self.from_encoded:
-            net.device.stream.wait_stream(self.aside)
+        if aside:
+            net.device.stream.wait_stream(aside)
 
     def gathered(self) -> np.ndarray:
         gradient = super().gathered()  # of the encoding

@@ -17,8 +17,8 @@ import warp as wp
 from warp_neural.kernels.coopvec.cpu.math import on_vectors
 from warp_neural.kernels.coopvec.cpu.network import LANES, ROUND, result, vector_prelude
 from warp_neural.kernels.coopvec.layout import bias_joins_relu, network_layout
+from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import NetworkSpec, round_up
-from warp_neural.kernels.training.mma.forward import LIFTED
 
 CHUNK = 64  # samples, a multiple of ROWS
 
@@ -36,7 +36,7 @@ PARAMETERS = "const real* const mine = reinterpret_cast<const real*>(params.pack
 def keeps_z(spec: NetworkSpec, index: int) -> bool:
     """8-bit formats round small results to zero, where ReLU's derivative is another."""
     is_last = index == len(spec.layers) - 1
-    lifted = spec.activation_of(index) in LIFTED and (is_last or spec.format.bits > 8)
+    lifted = spec.activation_of(index) in SAME_SLOPE and (is_last or spec.format.bits > 8)
     return not lifted
 
 

@@ -2,7 +2,8 @@
 
 from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.nn.spec import NetworkSpec
-from warp_neural.kernels.training.hopper64.backward import back_word, enter_finish, leave_last, put_last, start
+from warp_neural.kernels.training.hopper64.backward import back_word, start
+from warp_neural.kernels.training.hopper64.finish import enter_finish, leave_last, put_last
 from warp_neural.kernels.training.hopper64.forward import wait, wgmma
 from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, READ, enter, keep

@@ -25,7 +25,7 @@ from warp_neural.kernels.training.hopper128.schedule import (
     Hopper128Pass,
     Hopper128Schedule,
 )
-from warp_neural.kernels.training.mma.forward import MEMORY, slopes
+from warp_neural.kernels.training.text import MEMORY, slopes
 
 BLOCKS = WIDTH // 16  # of inputs, in one product
 

@@ -41,7 +41,7 @@ def arrived(pending: int) -> str:
     return f'asm volatile("cp.async.wait_group {pending};" ::: "memory");\npublish();\n__syncthreads();\n'
 
 
-def first_fetch_text(spec: NetworkSpec, schedule: Hopper128LowerSchedule) -> str:
+def fetch_text(spec: NetworkSpec, schedule: Hopper128LowerSchedule) -> str:
     """`(memory, kept)`: the first tile, under way."""
     fetches = "".join(f"fetch(0, true, {begin}u, {end}u);\n" for begin, end in fetched(schedule))
     return unrolled(enter(spec, schedule) + fetch(schedule) + fetches)

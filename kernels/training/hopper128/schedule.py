@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
 from warp_neural.kernels.nn.spec import NetworkSpec, round_up
 from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW, HopperSchedule, takes
+from warp_neural.kernels.training.schedule import HOPPER_BYTES
 
 WIDTH = 128
 SAMPLES = 64  # of a warpgroup and round: a tile
@@ -94,6 +95,11 @@ class Hopper128Pass(HopperSchedule):
         """Slots of a tile in memory: dz of layer `low` - 1, then the inputs of the layers from there to the first."""
         return self.low + 1 if self.low else 0
 
+    def kept_units(self, blocks: int, batch: int) -> int:
+        """For the samples of whole rounds."""
+        round = blocks * self.round_samples
+        return -(-batch // round) * round // SAMPLES * self.kept * SLOT // 16
+
 
 class Hopper128LowerSchedule(Hopper128Pass):
     """An area has what was kept, and another slot for dz of layer 0 or the gradient to the input."""
@@ -151,13 +157,15 @@ class Hopper128Schedule(Hopper128Pass):
         return self.low == 0
 
 
-def make_schedule(spec: NetworkSpec) -> Hopper128Schedule | None:
-    """None for a network that is not trained this way."""
+def make_schedule(spec: NetworkSpec, arch: int = 90, shared_bytes: int = HOPPER_BYTES) -> Hopper128Schedule | None:
+    """See `Room`."""
     depth = len(spec.sizes) - 2
-    if not takes(spec, WIDTH) or depth > MAX_DEPTH:
+    if not takes(spec, WIDTH, arch) or depth > MAX_DEPTH:
         return None
     weights, first, layers = 0, 0, []
     for index, layout in enumerate(network_layout(spec, True)[0]):
         layers.append(Hopper128Layer(layout, index == depth, weights, first))
         weights, first = layers[-1].end, layers[-1].bias_first + layout.n_pad
-    return Hopper128Schedule(tuple(layers), first)
+    schedule = Hopper128Schedule(tuple(layers), first)
+    passes = [schedule, schedule.lower] if schedule.lower else [schedule]
+    return schedule if all(one.fits(shared_bytes) for one in passes) else None

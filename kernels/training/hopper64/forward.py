@@ -15,9 +15,8 @@ from warp_neural.kernels.coopvec.cuda.primitives import MMA_TYPES
 from warp_neural.kernels.coopvec.layout import LayerLayout, bias_is_half, network_layout
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, round_up
-from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, Hopper64Schedule
-from warp_neural.kernels.training.hopper128.schedule import Hopper128Pass
-from warp_neural.kernels.training.mma.forward import MEMORY, ones_of, slopes
+from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, Hopper64Schedule, HopperSchedule
+from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
 
 
 def wgmma(name: str, spec: NetworkSpec, n: int, a: Literal["registers", "rows", "columns"], transposed: bool) -> str:
@@ -78,7 +77,7 @@ def wait(pending: int, *registers: str) -> str:
 MOST_HELD = 32  # registers of a thread that are read before any is stored
 
 
-def begin_text(spec: NetworkSpec, schedule: Hopper64Schedule | Hopper128Pass) -> str:
+def begin_text(spec: NetworkSpec, schedule: HopperSchedule) -> str:
     """`(params, memory)`: stage weights, biases and ones. All threads.
 
     Weights lie in panels of 64 columns, the rows of a panel swizzled as in slots."""
@@ -155,7 +154,7 @@ if (m == 0) {{ {wait(1, "z[0]")} }} else {{ {wait(0, "z[1]")} }}
 {read_results(schedule)}""")
 
 
-def save_inputs(spec: NetworkSpec, schedule: Hopper64Schedule | Hopper128Pass, halves: bool) -> str:
+def save_inputs(spec: NetworkSpec, schedule: HopperSchedule, halves: bool) -> str:
     """This thread's x, to its row of the first slot."""
     text = ""
     for u in range(schedule.layers[0].layout.k_pad // 8):
@@ -164,7 +163,7 @@ def save_inputs(spec: NetworkSpec, schedule: Hopper64Schedule | Hopper128Pass, h
     return text
 
 
-def read_biases(schedule: Hopper64Schedule | Hopper128Pass, width: int) -> str:
+def read_biases(schedule: HopperSchedule, width: int) -> str:
     return f"""auto read_biases = [&](int layer, int j) {{ float2 v;  // of neurons 8 j + 2 t and the next
     asm volatile("ld.shared.v2.f32 {{%0,%1}},[%2];" : "=f"(v.x), "=f"(v.y)
         : "r"(weights + {schedule.biases} + {4 * width} * layer + 32 * j + 8 * t));
@@ -172,7 +171,7 @@ def read_biases(schedule: Hopper64Schedule | Hopper128Pass, width: int) -> str:
 """
 
 
-def save_results(schedule: Hopper64Schedule | Hopper128Pass, z: str, tile: str) -> str:
+def save_results(schedule: HopperSchedule, z: str, tile: str) -> str:
     """A tile's accumulators `z` of the last layer, and its biases, to the spare slot; `tile` begins its first row."""
     return f"""for (int j = 0; j < {schedule.layers[-1].layout.n_pad // 8}; ++j) {{
     const float2 bias = read_biases({len(schedule.layers) - 1}, j);
@@ -184,7 +183,7 @@ def save_results(schedule: Hopper64Schedule | Hopper128Pass, z: str, tile: str) 
 """
 
 
-def read_results(schedule: Hopper64Schedule | Hopper128Pass) -> str:
+def read_results(schedule: HopperSchedule) -> str:
     """`return` those of this thread's sample."""
     n_out = schedule.layers[-1].layout.n
     text = f"__syncwarp();\nwp::vec_t<{n_out}, real> result;\n"

@@ -8,8 +8,9 @@ dW stays in registers for as long as the launch lasts; a column of ones beside H
 from dataclasses import dataclass
 
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
-from warp_neural.kernels.nn.activations import leaky_relu, linear, relu
+from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
+from warp_neural.kernels.training.schedule import HOPPER_BYTES, Schedule
 
 WIDTH = 64  # neurons of every hidden layer
 SAMPLES = 128  # of a warpgroup and round, one a thread
@@ -51,14 +52,12 @@ class Hopper64Layer:
         return self.first + self.registers * SAMPLES
 
 
-class HopperSchedule:
+class HopperSchedule(Schedule):
     """What schedules for warpgroups have in common, from `areas`, `area` and `floats`."""
 
-    lanes = 32  # of a warp, that have a sample
-    reaches_input = True  # whether the gradient of the first layer is among those that a launch computes
-    dx = 0  # in an area: the slot for the gradient to the network's input
     threads = GROUPS * 128
-    lower = None  # another pass, for layers whose gradients this one does not compute
+    arch_suffix = "a"  # `wgmma` only exists in code for exactly one architecture
+    dx = 0  # in an area: the slot for the gradient to the network's input
 
     @property
     def ones(self) -> int:
@@ -66,13 +65,7 @@ class HopperSchedule:
 
     @property
     def words(self) -> int:
-        """Shared memory of a block."""
         return (1024 + self.ones + 16 * ROW) // 4
-
-    @property
-    def block_sums(self) -> int:
-        """Floats that a block leaves: its gradient and, at `floats`, its loss."""
-        return self.floats + 4
 
 
 @dataclass(frozen=True)
@@ -109,16 +102,15 @@ class Hopper64Schedule(HopperSchedule):
         return (self.last_dz, self.spare, (index + 2) * SLOT)[min(after, 2)]
 
 
-def takes(spec: NetworkSpec, width: int) -> bool:
+def takes(spec: NetworkSpec, width: int, arch: int) -> bool:
     """Whether warpgroups train such a network, with `width` neurons in every hidden layer."""
-    hidden, activations = spec.sizes[1:-1], (relu, leaky_relu, linear)
-    sizes = set(hidden) == {width} and spec.sizes[0] <= width and spec.sizes[-1] <= MAX_OUT
-    return sizes and spec.format in (FLOAT16, BFLOAT16) and spec.activation in activations
+    sizes = set(spec.sizes[1:-1]) == {width} and spec.sizes[0] <= width and spec.sizes[-1] <= MAX_OUT
+    return arch == 90 and sizes and spec.format in (FLOAT16, BFLOAT16) and spec.activation in SAME_SLOPE
 
 
-def make_schedule(spec: NetworkSpec) -> Hopper64Schedule | None:
-    """None for a network that is not trained this way."""
-    if not takes(spec, WIDTH):
+def make_schedule(spec: NetworkSpec, arch: int = 90, shared_bytes: int = HOPPER_BYTES) -> Hopper64Schedule | None:
+    """See `Room`."""
+    if not takes(spec, WIDTH, arch):
         return None
     weights, sums, first, layers = 0, 0, 0, []
     layouts, _ = network_layout(spec, True)
@@ -128,4 +120,5 @@ def make_schedule(spec: NetworkSpec) -> Hopper64Schedule | None:
         sums = layer.bias_sums + (1 if layer.last else 4)
         first = layer.bias_first + layout.n_pad
         layers.append(layer)
-    return Hopper64Schedule(tuple(layers), weights, sums, first) if sums <= MAX_SUMS else None
+    schedule = Hopper64Schedule(tuple(layers), weights, sums, first)
+    return schedule if sums <= MAX_SUMS and schedule.fits(shared_bytes) else None

@@ -5,13 +5,12 @@ lies in the areas of all warps; each warp multiplies its own by the weights for 
 by the layer's inputs for its own tasks of the weights' gradient (see `schedule`), which it keeps in registers.
 """
 
-from collections.abc import Callable
-
 from warp_neural.kernels.coopvec.cuda.fragments import unrolled
-from warp_neural.kernels.nn.activations import linear, relu
-from warp_neural.kernels.nn.spec import C_TYPES, NetworkSpec
-from warp_neural.kernels.training.mma.forward import LIFTED, enter
+from warp_neural.kernels.nn.activations import SAME_SLOPE, linear, relu
+from warp_neural.kernels.nn.spec import NetworkSpec
+from warp_neural.kernels.training.mma.forward import enter
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
+from warp_neural.kernels.training.text import take_dx
 
 
 def start(spec: NetworkSpec, schedule: MmaSchedule) -> str:
@@ -97,7 +96,7 @@ def weight_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str
     samples = schedule.warps // layer.splits
     shared_bias = samples % groups == 0
     restore = ""
-    if index > 0 and spec.activation not in LIFTED:
+    if index > 0 and spec.activation not in SAME_SLOPE:
         restore = (
             "for (int r = 0; r < 4; ++r) h[now][c][r] = pack(hidden(low(h[now][c][r])), hidden(high(h[now][c][r])));"
         )
@@ -138,14 +137,3 @@ def input_gradient_text(spec: NetworkSpec, schedule: MmaSchedule, dtype: type) -
     blocks = schedule.layers[0].k_blocks
     take = take_dx(spec.sizes[0], dtype, lambda u: f"own_unit(area + {4 * schedule.dx}, {blocks}, {u})")
     return unrolled(f"{enter(spec, schedule)}{take}return dx;\n")
-
-
-def take_dx(n_in: int, dtype: type, address: Callable[[int], str]) -> str:
-    """`dx`, from 16-byte units of 8 elements each at `address(unit)`."""
-    text = f"wp::vec_t<{n_in}, {C_TYPES[dtype]}> dx;\n"
-    for u in range(-(-n_in // 8)):
-        text += f"{{ unsigned v[4]; load_unit({address(u)}, v);\n"
-        for k in range(8 * u, min(8 * u + 8, n_in)):
-            text += f"dx.c[{k}] = {C_TYPES[dtype]}({('low', 'high')[k % 2]}(v[{k % 8 // 2}]));\n"
-        text += "}\n"
-    return text

@@ -12,24 +12,10 @@ from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.cuda import primitives
 from warp_neural.kernels.coopvec.cuda.fragments import group_of, pre_activation, start_tile, unrolled
 from warp_neural.kernels.coopvec.layout import network_layout
-from warp_neural.kernels.nn.activations import leaky_relu, linear, relu
-from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
+from warp_neural.kernels.nn.activations import SAME_SLOPE
+from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
-
-LIFTED = (relu, leaky_relu, linear)  # activations whose derivative at f(z) is that at z: f(z) is kept, else z
-
-
-def ones_of(spec: NetworkSpec) -> str:
-    """Two, in one register."""
-    return "0x3c003c00u" if spec.format is FLOAT16 else "0x3f803f80u"
-
-
-def slopes(spec: NetworkSpec) -> str:
-    """Lambdas: the derivatives of the activations."""
-    return "".join(
-        f"auto d_{name} = [](real z) -> real {{ return {activation.derivative}; }};\n"
-        for name, activation in (("hidden", spec.activation), ("last", spec.output_activation))
-    )
+from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
 
 
 def enter(spec: NetworkSpec, schedule: MmaSchedule) -> str:
@@ -39,36 +25,6 @@ def enter(spec: NetworkSpec, schedule: MmaSchedule) -> str:
 const unsigned ones = {ones_of(spec)}, warp = threadIdx.x >> 5;
 const unsigned weights = static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + lane * 16;
 const unsigned areas = weights + {4 * schedule.weights}, area = areas + warp * {4 * schedule.area};
-"""
-
-
-MEMORY = """
-auto load = [](unsigned address, unsigned (&w)[4]) {
-    asm volatile("ldmatrix.sync.aligned.m8n8.x4.shared.b16 {%0,%1,%2,%3},[%4];"
-        : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
-};
-auto load_transposed = [](unsigned address, unsigned (&w)[4]) {
-    asm volatile("ldmatrix.sync.aligned.m8n8.x4.trans.shared.b16 {%0,%1,%2,%3},[%4];"
-        : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
-};
-auto save = [&](unsigned address, const unsigned (&w)[4]) {
-#if __CUDA_ARCH__ >= 900
-    asm volatile("stmatrix.sync.aligned.m8n8.x4.shared.b16 [%0],{%1,%2,%3,%4};"
-        :: "r"(address), "r"(w[0]), "r"(w[1]), "r"(w[2]), "r"(w[3]) : "memory");
-#else
-    for (int r = 0; r < 4; ++r)
-        asm volatile("st.shared.b32 [%0],%1;" :: "r"(address - lane * 12 + 128 * r), "r"(w[r]) : "memory");
-#endif
-};
-auto save_unit = [](unsigned address, unsigned x, unsigned y, unsigned z, unsigned w) {
-    asm volatile("st.shared.v4.b32 [%0],{%1,%2,%3,%4};" :: "r"(address), "r"(x), "r"(y), "r"(z), "r"(w) : "memory");
-};
-auto load_unit = [](unsigned address, unsigned (&w)[4]) {
-    asm volatile("ld.shared.v4.b32 {%0,%1,%2,%3},[%4];"
-        : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
-};
-auto spread_signs = [](unsigned v) { unsigned r;  // of each half over all its bits
-    asm("prmt.b32 %0,%1,0,0xbb99;" : "=r"(r) : "r"(v)); return r; };
 """
 
 
@@ -140,7 +96,7 @@ def forward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
     :: "r"({address}), "f"(z_value(m, j, h, 0)), "f"(z_value(m, j, h, 1)) : "memory");"""
         declare = copy = ""
     else:
-        kept = "next" if spec.activation in LIFTED else "z"
+        kept = "next" if spec.activation in SAME_SLOPE else "z"
         declare = f"unsigned next[2][{tiles // 2}][4]{'' if kept == 'next' else f', z[2][{tiles // 2}][4]'};"
         finish = cuda.to_next(spec, layout)
         if kept == "z":

@@ -11,9 +11,8 @@ from functools import cache
 
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
 from warp_neural.kernels.nn.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
+from warp_neural.kernels.training.schedule import HOPPER_BYTES, Schedule
 
-SPARE_BYTES = 15 * 1024  # of a block's shared memory, for what samples need
-HOPPER_BYTES = 227 * 1024  # of a block, at most
 CHOICES = ((8, 124), (4, 208))  # warps of a block, and the float32 registers a lane may spend on weight gradients
 
 
@@ -70,7 +69,7 @@ class MmaLayer:
 
 
 @dataclass(frozen=True)
-class MmaSchedule:
+class MmaSchedule(Schedule):
     """warps: of a block. weights: words of shared memory for all weights, after which each warp has `area` words, with
     results at `output` and the gradient to the network's input at `dx`. sums: registers a lane, those of the biases
     last. floats: of one block's gradient, in the order of the accumulators.
@@ -98,10 +97,6 @@ class MmaSchedule:
     def threads(self) -> int:
         return 32 * self.warps
 
-    lanes = 32  # of a warp, that have a sample
-    reaches_input = True  # as of `hopper64.schedule.HopperSchedule`
-    lower = None
-
     def bias_sums(self, index: int) -> int:
         """Where layer `index` has the registers of its biases, which eight layers share."""
         rows = max(layer.rows for layer in self.layers)
@@ -111,11 +106,6 @@ class MmaSchedule:
     def barrier(self) -> str:
         """Before a warp reads what others wrote; where every warp takes all units, each reads only its own."""
         return "__syncwarp();" if all(layer.splits == self.warps for layer in self.layers) else "__syncthreads();"
-
-    @property
-    def block_sums(self) -> int:
-        """Floats that a block leaves: its gradient and, at `floats`, its loss."""
-        return self.floats + 4
 
 
 def split_work(n_blocks: int, k_blocks: int, warps: int, limit: int) -> tuple[int, int, int] | None:
@@ -131,17 +121,14 @@ def split_work(n_blocks: int, k_blocks: int, warps: int, limit: int) -> tuple[in
 
 
 @cache
-def make_schedule(spec: NetworkSpec, shared_bytes: int = HOPPER_BYTES) -> MmaSchedule | None:
-    """For a device whose blocks have so much shared memory.
-
-    None where the fused kernel does not apply: other formats than 16 bits, or sums or vectors that do not fit.
-    """
+def make_schedule(spec: NetworkSpec, arch: int = 90, shared_bytes: int = HOPPER_BYTES) -> MmaSchedule | None:
+    """See `Room`. None for other formats than 16 bits, or sums or vectors that do not fit."""
     if spec.format not in (FLOAT16, BFLOAT16):
         return None
     for warps, most_sums in CHOICES:
         for limit in (16, 8, 4, 2, 1):
             schedule = schedule_with(spec, warps, limit)
-            if schedule and schedule.words * 4 + SPARE_BYTES <= shared_bytes and schedule.sums <= most_sums:
+            if schedule and schedule.fits(shared_bytes) and schedule.sums <= most_sums:
                 return schedule
     return None
 
