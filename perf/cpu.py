@@ -72,7 +72,7 @@ def make_trainer(config: CpuConfig, precision: str, fused: bool | None) -> Train
     xs, targets = (wp.zeros(config.samples, dtype=dtype, device="cpu") for dtype in (wp.vec2, wp.vec3))
     wp.launch(draw_kernel, config.samples, [config.seed, xs, targets], device="cpu")
     expected = true_gradient(net, encode(xs.numpy()), targets.numpy())
-    found = trainer.gradient()[: net.n_parameters]
+    found = trainer.gradient()[: net.spec.n_parameters]
     check(f"{precision} fused={fused}", found, expected, GRADIENT_LIMITS[precision])
     return trainer
 

@@ -107,7 +107,7 @@ def row_trainer(config: Config, device: wp.Device, depth: int, width: int, batch
     some = min(batch, 4096)
     checked = Trainer(net, sample=sample, data=rows, batch=some)
     expected = true_gradient(net, x[:some], target[:some].astype(np.float64))
-    check(shape_name(depth, width), checked.gradient()[: net.n_parameters], expected, 1e-2)
+    check(shape_name(depth, width), checked.gradient()[: net.spec.n_parameters], expected, 1e-2)
     kernel, y = make_evaluate_kernel(net.of_row, net.vec_out), wp.zeros((batch, 16), dtype=wp.float16, device=device)
 
     def forward() -> None:

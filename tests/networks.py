@@ -9,7 +9,8 @@ import warp as wp
 
 from warp_neural import MLP
 from warp_neural.kernels.nn.spec import NetworkSpec, select_network
-from warp_neural.nn.mlp import IMPLEMENTATIONS
+from warp_neural.nn.mlp import FACTORIES
+from warp_neural.nn.state import layers_of
 
 BLOCK = 32  # samples come in whole blocks of one network each, as the tiled version needs
 
@@ -31,7 +32,7 @@ class Results(NamedTuple):
 @cache
 def make_kernel(spec: NetworkSpec, implementation: str) -> wp.Kernel:
     """One module for all networks of a spec; without cuBLASDx, which takes minutes to compile."""
-    func, vec_in, vec_out = IMPLEMENTATIONS[implementation](spec), spec.vec_in, spec.vec_out
+    func, vec_in, vec_out = FACTORIES[implementation](spec), spec.vec_in, spec.vec_out
 
     @wp.kernel(module="unique", module_options={"enable_mathdx_gemm": False})
     def network_kernel(params: MLP.Params, index: wp.array[int], x: wp.array[vec_in], y: wp.array[vec_out]):
@@ -55,8 +56,12 @@ def evaluate(net: MLP, x: np.ndarray, dy: np.ndarray | None = None, index: np.nd
     if dy is not None:
         y.grad.assign(np.asarray(dy))
         tape.backward()
-    gradient = net.gradient.numpy()
-    return Results(y.numpy(), net._views(gradient, 0), net._views(gradient, 1), inputs.grad.numpy())
+    return Results(y.numpy(), *gradients(net), inputs.grad.numpy())
+
+
+def gradients(net: MLP) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Of weights and biases, as they are now."""
+    return layers_of(net.spec, net.gradient.numpy()[: net.count * net.spec.n_parameters].copy())
 
 
 def expected(net: MLP, x: np.ndarray, dy: np.ndarray) -> Results:
@@ -66,9 +71,11 @@ def expected(net: MLP, x: np.ndarray, dy: np.ndarray) -> Results:
 
 
 def random_biases(net: MLP, seed: int = 0) -> MLP:
-    """Give the network biases, which start at zero."""
+    """Give the network biases, which start at zero; int8 is calibrated again."""
     rng = np.random.default_rng(seed)
     net.biases = [rng.uniform(-0.5, 0.5, b.shape) for b in net.biases]
+    if net.precision == "int8":
+        net.calibrate(samples(256, net.n_in, seed))
     return net
 
 

@@ -20,7 +20,8 @@ from warp_neural.io.tensors import save_tensors
 from warp_neural.kernels.nn import activations, encodings
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.nn.convert import Form, load_rtxns, read_rtxns, save_rtxns
-from warp_neural.nn.network_data import NetworkData, read_network, write_network
+from warp_neural.nn.network_file import read_state, write_state
+from warp_neural.nn.state import NetworkState
 
 
 def data(sizes=(6, 8, 8, 2), count=1, **options):
@@ -28,13 +29,13 @@ def data(sizes=(6, 8, 8, 2), count=1, **options):
     rng, lead, spec = np.random.default_rng(0), (count,) if count > 1 else (), NetworkSpec(sizes)
     weights = [rng.integers(-9, 9, (*lead, n, k)).astype(np.float32) / 2 for k, n in spec.layers]
     biases = [rng.integers(-9, 9, (*lead, n)).astype(np.float32) / 2 for _, n in spec.layers]
-    return NetworkData(spec, weights, biases, count, **options)
+    return NetworkState.of_layers(spec, weights, biases, count, **options)
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_network("net.safetensors", data(extra={"by": "us"}))
+    write_state("net.safetensors", data(extra={"by": "us"}))
     return tmp_path
 
 
@@ -60,7 +61,7 @@ def test_conversions_there_and_back_keep_every_value(folder, capfd):
     run(capfd, "convert", "a.ns.bin", "b.json")
     run(capfd, "convert", "b.json", "c.bin", "--precision", "float32", "--column-major")
     run(capfd, "convert", "c.bin", "d.safetensors", "--output-activation", "linear")
-    before, after = read_network("net.safetensors"), read_network("d.safetensors")
+    before, after = read_state("net.safetensors"), read_state("d.safetensors")
     assert after.spec == before.spec
     for a, b in zip(before.weights + before.biases, after.weights + after.biases, strict=True):
         assert (a == b).all()
@@ -72,14 +73,16 @@ def test_json_keeps_its_other_keys_through_safetensors(folder, capfd):
     run(capfd, "convert", "b.safetensors", "c.json")
     assert json.loads(Path("c.json").read_text()) == json.loads(Path("a.json").read_text())
     assert json.loads(Path("c.json").read_text())["by"] == "us"
-    spec = read_network("b.safetensors").spec
+    spec = read_state("b.safetensors").spec
     assert (spec.activation, spec.output_activation) == (activations.tanh, activations.exponential)
 
 
 def test_converting_tells_what_is_lost(folder, capfd):
-    net = data(encoding=encodings.Frequency(3), n_in=1, encoding_parameters=np.zeros(0, np.float32))
-    net.weights[0][0, 0] = 0.1
-    write_network("encoded.safetensors", net)
+    net = data(encoding=encodings.Frequency(3), n_in=1)
+    weights = [w.copy() for w in net.weights]
+    weights[0][0, 0] = 0.1
+    net = net.with_layers(weights)
+    write_state("encoded.safetensors", net)
     told = run(capfd, "convert", "encoded.safetensors", "a.bin")
     frequency = {"name": "Frequency", "octaves": 3, "lowest": 1.0}
     assert told["left_out"] == {"activation": "relu", "output_activation": "linear", "encoding": frequency}
@@ -137,9 +140,9 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_one_line_and_exit_code_2(folder, capfd, case):
     Path("notes.txt").write_text("no network")
-    write_network("several.safetensors", data(count=3))
+    write_state("several.safetensors", data(count=3))
     latent = encodings.LatentTexture(2, 2, channels=6)
-    write_network("latent.safetensors", data(encoding=latent, n_in=2, encoding_parameters=np.zeros(24, np.float32)))
+    write_state("latent.safetensors", data(encoding=latent, n_in=2))
     save_tensors("checkpoint.safetensors", {}, {"format": "checkpoint"})
     write_json("large.json", RtxnsNetwork([np.zeros((1, 300))], [np.zeros(1)]))
     before = sorted(folder.iterdir())
@@ -174,6 +177,9 @@ def test_an_mlp_goes_to_rtxns_and_back(tmp_path, device, name):
     assert (loaded.packed.numpy() == net.packed.numpy()).all()  # float16, as the file
     with pytest.raises(InputError, match="takes 30 inputs; give an encoding with as many results of n_in inputs"):
         load_rtxns(tmp_path / name, n_in=4, encoding=encodings.Frequency(3), device=device)
+    assert load_rtxns(tmp_path / name, n_in=30, device=device).n_in == 30
+    with pytest.raises(InputError, match=f"{name}: takes 30 inputs, not n_in=3; leave n_in out, or give an encoding"):
+        load_rtxns(tmp_path / name, n_in=3, device=device)
     assert read_rtxns(tmp_path / name).sizes == (30, 16, 16, 4)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference_networks as reference
 import warp as wp
-from networks import bound, error, evaluate, expected, flat, random_biases, samples
+from networks import bound, error, evaluate, expected, flat, gradients, random_biases, samples
 
 from warp_neural import MLP
 from warp_neural.kernels.nn import activations
@@ -50,7 +50,7 @@ def test_interleaved_networks(precision, accumulation, block, device):
         threads = np.arange(n)
         active, which = threads % 11 != 10, threads * 7 % count
         assert not y.numpy()[~active].any() and not x.grad.numpy()[~active].any()
-        dw = net._views(net.gradient.numpy(), 0)
+        dw = gradients(net)[0]
         for i in range(count):
             mine = active & (which == i)
             weights, biases = [w[i] for w in net.weights], [b[i] for b in net.biases]

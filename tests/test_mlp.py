@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import reference_networks as reference
 import warp as wp
-from networks import error, evaluate, expected, random_biases, samples
+from networks import error, evaluate, expected, gradients, random_biases, samples
 
-from warp_neural import MLP
+from warp_neural import MLP, InputError
 from warp_neural.nn import initialization
 
 
@@ -15,6 +15,7 @@ def test_parameters_are_row_major(device):
     assert [w.shape for w in net.weights] == [(2, 17, 5), (2, 17, 17), (2, 3, 17)]
     assert [b.shape for b in net.biases] == [(2, 17), (2, 17), (2, 3)]
     assert net.n_parameters == 17 * 5 + 17 + 17 * 17 + 17 + 3 * 17 + 3
+    assert (net.n_in, net.width, net.depth, net.n_out, net.precision) == (5, 17, 2, 3, "float16")
     assert len(net.master) == len(net.gradient) == 2 * net.n_parameters
     single = MLP(5, 3, 17, 2, device=device)
     assert [w.shape for w in single.weights] == [(17, 5), (17, 17), (3, 17)]
@@ -30,12 +31,15 @@ def test_set_parameters(device):
         np.testing.assert_array_equal(a, b)
     x = samples(32, 5)
     assert error(evaluate(net, x).y, expected(net, x, np.zeros((32, 3))).y) < 2e-3
-    net.weights[0][:] = 0  # a copy
-    np.testing.assert_array_equal(net.weights[0], weights[0])
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match="read-only"):
+        net.weights[0][:] = 0
+    with pytest.raises(InputError, match="weights: a list of 1 arrays; give one for each of 2 layers"):
         net.weights = weights[:1]
-    with pytest.raises(ValueError):
+    with pytest.raises(InputError, match=r"weights of layer 0: shape \(5, 17\); expected \(17, 5\)"):
         net.weights = [w.T for w in weights]
+    with pytest.raises(InputError, match="biases of layer 1: str; expected numbers"):
+        net.biases = [biases[0], "none"]
+    np.testing.assert_array_equal(net.weights[0], weights[0])
 
 
 def test_pack_follows_the_master(device):
@@ -116,7 +120,7 @@ def test_gradients_add_up_and_zero(device):
     tape.backward(loss)
     gradient = net.gradient.numpy().copy()
     truth = expected(net, x.numpy(), dy)
-    for a, b in zip(net._views(gradient, 0), truth.dw, strict=True):
+    for a, b in zip(gradients(net)[0], truth.dw, strict=True):
         assert error(a, b) < 1e-5
     tape.backward(loss)
     np.testing.assert_allclose(net.gradient.numpy(), 2 * gradient, rtol=1e-4, atol=1e-5)
@@ -158,12 +162,19 @@ def test_moves_between_devices(device):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"n_in": 0}, "sizes 1 to 256"),
-        ({"width": 257}, "sizes 1 to 256"),
-        ({"n_out": 300}, "sizes 1 to 256"),
-        ({"depth": 9}, "0 to 8 hidden layers"),
-        ({"depth": -1}, "0 to 8 hidden layers"),
-        ({"count": 0}, "at least one"),
+        ({"n_in": 0}, "n_in=0: expected a whole number of 1 to 256"),
+        ({"width": 257}, "width=257: expected"),
+        ({"n_out": 300}, "n_out=300: expected"),
+        ({"depth": 9}, "depth=9: expected a whole number of 0 to 8"),
+        ({"depth": -1}, "depth=-1: expected"),
+        ({"count": 0}, "count=0: expected a whole number >= 1"),
+        ({"width": 0}, "width=0: expected"),
+        ({"n_in": 2.5}, "n_in=2.5: expected a whole number"),
+        ({"activation": "relu"}, "activation='relu': expected one of wn.activations"),
+        ({"encoding": "hash"}, "encoding='hash': expected one of wn.encodings"),
+        ({"initialization": lambda rng, n_out, n_in: np.zeros((n_in, n_out))}, "initialization: gave shape"),
+        ({"seed": "one"}, "seed='one': expected a whole number"),
+        ({"device": "cuda:99"}, "device='cuda:99': not on this machine, which has cpu"),
         ({"precision": "fp12"}, "expected one of float32, tf32, float16, bfloat16, e4m3, e5m2, int8"),
         ({"implementation": "magic"}, "expected one of cooperative, per_thread, tiled"),
         ({"accumulation": "int32"}, "expected one of float32, float16"),
@@ -173,14 +184,18 @@ def test_moves_between_devices(device):
     ],
 )
 def test_refuses(options, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message) as error:
         MLP(**{"n_in": 5, "n_out": 3, "device": "cpu", **options})
+    assert "\n" not in str(error.value)
 
 
 def test_refuses_calibration_of_another_size():
     net = MLP(5, 3, 17, 1, precision="int8", device="cpu")
-    with pytest.raises(ValueError, match=r"expected \[n, 5\]"):
-        net.calibrate(np.zeros((10, 4)))
+    for inputs in (np.zeros((10, 4)), np.zeros((0, 5)), np.full((10, 5), np.nan)):
+        with pytest.raises(InputError, match=r"expected \[n, 5\], finite"):
+            net.calibrate(inputs)
+    with pytest.raises(InputError, match="float16 needs no steps"):
+        MLP(5, 3, device="cpu").calibrate(np.zeros((10, 5)))
 
 
 @pytest.mark.cuda

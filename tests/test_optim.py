@@ -5,6 +5,7 @@ import pytest
 import reference
 import warp as wp
 
+from warp_neural import InputError
 from warp_neural.train.optim import SGD, Adam, Parameters, cosine, exponential, linear
 
 STEPS = 25
@@ -84,12 +85,34 @@ def test_the_last_rate_stays(device):
 
 
 def test_wrong_parameters_are_refused(device):
-    with pytest.raises(ValueError, match="requires_grad"):
-        Adam(wp.zeros(3, dtype=float))
-    with pytest.raises(ValueError, match="float32"):
-        Adam(wp.zeros(3, dtype=wp.float16, requires_grad=True))
-    with pytest.raises(ValueError, match="finite"):
-        Adam(wp.zeros(3, dtype=float, requires_grad=True), lr=float("nan"))
+    refused = [
+        (lambda: Adam(wp.zeros(3, dtype=float)), "requires_grad"),
+        (lambda: Adam(wp.zeros(3, dtype=wp.float16, requires_grad=True)), "float32"),
+        (lambda: Adam(np.zeros(3)), "parameters='ndarray': expected a Warp array"),
+        (lambda: Adam(lr=float("nan")), "lr=nan: expected a rate"),
+        (lambda: Adam(lr="fast"), "lr='fast': expected a rate"),
+        (lambda: Adam(beta2=1.0), r"Adam: beta2=1.0: expected a number in \[0, 1\)"),
+        (lambda: Adam(eps=0.0), "Adam: eps=0.0: expected a positive number"),
+        (lambda: SGD(weight_decay=-1), "SGD: weight_decay=-1: expected a finite number"),
+        (lambda: Parameters(), "at least one, by name"),
+        (lambda: Parameters(albedo=np.zeros(3)), "Parameters: albedo='ndarray': expected a Warp array"),
+        (lambda: linear(1.0, 0.0, 0), "steps=0: expected a whole number"),
+        (lambda: cosine(-1.0, 0.0, 5), "start=-1.0: expected a rate"),
+        (lambda: exponential(1.0, 0.0, 5), "expected positive rates"),
+    ]
+    for make, message in refused:
+        with pytest.raises(InputError, match=message) as error:
+            make()
+        assert "\n" not in str(error.value)
+
+
+def test_what_they_are_in_one_line():
+    assert str(Adam(lr=linear(0.1, 0.0, 4))).startswith(
+        "Adam(lr=0.1 to 0 in 5 steps, beta1=0.9, beta2=0.999, eps=1e-08"
+    )
+    assert str(SGD(lr=0.5, momentum=0.9)) == "SGD(lr=0.5, momentum=0.9, weight_decay=0)"
+    arrays = {"albedo": wp.zeros((2, 3), dtype=wp.vec3, device="cpu"), "bias": wp.zeros(1, dtype=float, device="cpu")}
+    assert str(Parameters(**arrays)) == "Parameters(albedo=vec3f [2, 3], bias=float32 [1], cpu)"
 
 
 @pytest.mark.cuda

@@ -11,6 +11,7 @@ from trainers import small, trainer, true_gradient
 
 import warp_neural as wn
 from warp_neural import encodings
+from warp_neural.io.tensors import load_tensors, save_tensors
 from warp_neural.train.optim import SGD, Adam, linear
 
 
@@ -19,7 +20,7 @@ def test_several_batches_are_one_larger(device):
     whole, x, target = trainer(net, 192)
     parts, _, _ = trainer(net, 192, batch=64, batches=3)
     assert error(parts.gradient(), whole.gradient()) < 1e-6
-    assert error(parts.gradient()[: net.n_parameters], true_gradient(net, x, target)) < 1e-2
+    assert error(parts.gradient()[: net.spec.n_parameters], true_gradient(net, x, target)) < 1e-2
 
 
 def test_batch_grows_with_the_steps(device):
@@ -27,7 +28,7 @@ def test_batch_grows_with_the_steps(device):
     growing, x, target = trainer(net, 96, batch=[32, 96], optimizer=SGD(lr=0.0))
     expected = [true_gradient(net, x[:n], target[:n]) for n in (32, 96, 96)]
     for gradient in expected:
-        assert error(growing.gradient()[: net.n_parameters], gradient) < 1e-2
+        assert error(growing.gradient()[: net.spec.n_parameters], gradient) < 1e-2
         growing.run(1, quiet=True)
 
 
@@ -162,7 +163,10 @@ def test_bad_checkpoints_change_nothing(tmp_path, monkeypatch):
         (tmp_path / "cut.safetensors").write_bytes(whole[:size])
         with pytest.raises(wn.InputError, match=r"cut.safetensors"):
             run.load(tmp_path / "cut.safetensors")
-    for other, message in ((fresh(width=32), "another network, float16 2-16-3"), (fresh(seed=1), "another seed")):
+    for other, message in (
+        (fresh(width=32), "another network, 2-16-3, relu, linear, float16, cooperative, and this is 2-32-3"),
+        (fresh(seed=1), "another seed"),
+    ):
         before = other.net.master.numpy().copy()
         with pytest.raises(wn.InputError, match=message):
             other.load(path)
@@ -184,13 +188,74 @@ def test_bad_checkpoints_change_nothing(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"batch": 65}, "batch"),
+        ({"batch": [32, 64]}, "batch"),
+        ({"optimizer": Adam(lr=2e-3)}, "rate"),
+        ({"optimizer": Adam(weight_decay=0.1)}, "settings"),
+        ({"optimizer": SGD(lr=1e-3)}, "optimizer, settings"),
+        ({"average": 0.8}, "decay"),
+        ({"loss": wn.losses.l1}, "loss"),
+        ({"loss": wn.losses.l2.weighted(1, 2, 3)}, "loss"),
+        ({"loss_scale": 2.0}, "loss scale"),
+    ],
+)
+def test_checkpoints_of_another_run_are_refused(tmp_path, options, name):
+    def fresh(**options):
+        net = wn.MLP(2, 3, 16, 1, device="cpu", precision="float16")
+        return wn.Trainer(net, sample=line, **{"batch": 64, "average": 0.9} | options)
+
+    run, path = fresh(), tmp_path / "run.safetensors"
+    run.save(path)
+    with pytest.raises(wn.InputError, match=f"of a run with another {name}; make the Trainer with the same") as error:
+        fresh(**options).load(path)
+    assert "\n" not in str(error.value)
+
+
+def test_damaged_moments_are_refused_by_name(tmp_path):
+    run, path = wn.Trainer(wn.MLP(2, 3, 16, 1, device="cpu"), sample=line, batch=64), tmp_path / "run.safetensors"
+    run.run(3, quiet=True)
+    run.save(path)
+    before = run.net.master.numpy().copy()
+    for name in ("first", "second", "scale"):
+        tensors, metadata = load_tensors(path)
+        tensors[f"training.{name}"][-1] = np.nan
+        save_tensors(tmp_path / "bad.safetensors", tensors, metadata)
+        with pytest.raises(wn.InputError, match=f"bad.safetensors: tensor 'training.{name}' holds NaN"):
+            run.load(tmp_path / "bad.safetensors")
+    save_tensors(tmp_path / "old.safetensors", tensors, metadata | {"version": 1})
+    with pytest.raises(wn.InputError, match="a checkpoint of version 1, not 2; train again"):
+        run.load(tmp_path / "old.safetensors")
+    assert (run.net.master.numpy() == before).all() and run.index == 3
+
+
+def test_what_is_told_is_read_only():
+    net = wn.MLP(2, 3, 16, 1, device="cpu", precision="float16")
+    run = wn.Trainer(net, sample=line, batch=[64, 128], average=0.9, optimizer=SGD(lr=0.1))
+    run.run(2, quiet=True)
+    for array in (run.losses, run.averaged, run.optimizer.lr):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 1
+    assert str(run) == (
+        "Trainer(MLP(2-16-3, relu, linear, float16, cooperative, cpu), l2, SGD(lr=0.1, momentum=0, weight_decay=0), "
+        "batch=64 to 128, step 2, fused)"
+    )
+
+
+@pytest.mark.parametrize(
     "options, message",
     [
-        ({"batch": 0}, "at least one sample"),
-        ({"batch": []}, "at least one sample"),
-        ({"batch": 1.5}, "at least one sample"),
-        ({"batches": 0}, "needs at least one"),
-        ({"average": 1.0}, r"lies in \[0, 1\)"),
+        ({"batch": 0}, "expected at least one sample"),
+        ({"batch": []}, "expected at least one sample"),
+        ({"batch": 1.5}, "expected at least one sample"),
+        ({"batches": 0}, "batches=0: expected a whole number"),
+        ({"average": 1.0}, r"average=1.0: expected the decay of an average, in \[0, 1\)"),
+        ({"loss": "l2"}, "loss='l2': expected one of wn.losses"),
+        ({"loss": wn.losses.l2.weighted(1, 2)}, "2 weights for 3 components"),
+        ({"optimizer": "adam"}, "optimizer='adam': expected Adam or SGD"),
+        ({"loss_scale": 0}, "loss_scale=0: expected a positive number"),
+        ({"seed": 0.5}, "seed=0.5: expected a whole number"),
     ],
 )
 def test_arguments_that_make_no_sense(options, message):

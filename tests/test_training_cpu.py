@@ -107,7 +107,7 @@ def test_encoding_with_parameters_learns():
     parts = (encodings.Frequency(3), encodings.LatentTexture(6, 6, 4))
     net = make_net(2, 3, 32, 1, encoding=encodings.Concatenate(parts), precision="float32")
     mine, taped = (trainer(net, 150, fused=fused)[0].gradient() for fused in (None, False))
-    for part in (slice(0, net.n_parameters), slice(net.encoding_start, None)):
+    for part in (slice(0, net.spec.n_parameters), slice(net.encoding_start, None)):
         assert mine[part].any()
         assert error(mine[part], taped[part]) < 1e-5
 

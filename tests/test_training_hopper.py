@@ -38,7 +38,7 @@ def test_gradient(device, width, depth, n_in, n_out, precision, accumulation, ac
     kind = {"precision": precision, "accumulation": accumulation, "activation": activation, "device": device}
     net = random_biases(wn.MLP(n_in, n_out, width, depth, seed=3, **kind))
     run, gradient = check_gradient(net, n)
-    np.testing.assert_array_equal(gradient, run.gradient()[: net.n_parameters])
+    np.testing.assert_array_equal(gradient, run.gradient()[: net.spec.n_parameters])
 
 
 @pytest.mark.parametrize("width, depth", [(64, 1), (64, 3), (128, 1), (128, 3)])
@@ -55,7 +55,7 @@ def test_batches_grow_and_add_up(device, width, depth):
     net = random_biases(wn.MLP(5, 3, width, depth, device=device, precision="float16"))
     run, x, target = trainer(net, 2000, batch=[300, 1000], batches=2, optimizer=SGD(lr=0.0))
     for n in (600, 2000):
-        assert error(run.gradient()[: net.n_parameters], true_gradient(net, x[:n], target[:n])) < 1e-2
+        assert error(run.gradient()[: net.spec.n_parameters], true_gradient(net, x[:n], target[:n])) < 1e-2
         run.run(1, quiet=True)
 
 

@@ -62,7 +62,7 @@ def true_gradient(net, x, target):
 def check_gradient(net, n, **options):
     """Of n samples, within `BOUND` of float64; returns the trainer and the gradient of the network's parameters."""
     run, x, target = trainer(net, n, **options)
-    gradient = run.gradient()[: net.n_parameters]
+    gradient = run.gradient()[: net.spec.n_parameters]
     assert gradient.any() and error(gradient, true_gradient(net, x, target)) < BOUND[net.precision]
     return run, gradient
 

@@ -1,10 +1,15 @@
 """Warp Neural: neural shading as a Python package on NVIDIA Warp."""
 
+import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 _folder = Path(__file__).parent
-if not (_folder / "kernels").is_dir():  # a checkout, where `kernels` and `samples` lie beside this folder
+if (_folder / "kernels").is_dir():
+    __version__ = version("warp-neural")
+else:  # a checkout, installed or not: `kernels` and `samples` lie beside this folder, and its version
     __path__.append(str(_folder.parent))
+    __version__ = tomllib.loads((_folder.parent / "pyproject.toml").read_text())["project"]["version"]
 
 from warp_neural import autodiff, coopvec
 from warp_neural.errors import InputError
@@ -16,6 +21,7 @@ from warp_neural.nn.convert import load_rtxns, save_rtxns
 from warp_neural.nn.mlp import MLP
 from warp_neural.nn.network_file import load_network, save_network
 from warp_neural.nn.sorting import sort_by_network
+from warp_neural.nn.state import NetworkState
 from warp_neural.train import optim
 from warp_neural.train.trainer import Trainer
 
@@ -23,6 +29,7 @@ __all__ = [
     "MLP",
     "Density",
     "InputError",
+    "NetworkState",
     "Trainer",
     "activations",
     "autodiff",

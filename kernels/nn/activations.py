@@ -18,6 +18,9 @@ class Activation:
     value: str
     derivative: str
 
+    def __reduce__(self):  # copies and pickles leave the functions behind
+        return type(self), (self.name, self.value, self.derivative)
+
     @cached_property
     def func(self) -> wp.Function:
         @wp.func_native(f"return {self.value};", adj_snippet=f"adj_z += adj_ret * ({self.derivative});")

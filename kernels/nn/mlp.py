@@ -107,40 +107,6 @@ def make_cast(length: int, source: type, target: type) -> wp.Function:
 
 
 @cache
-def make_layer_kernel(activation: Activation):
-    """One layer of many networks, for many samples, without rounding; launched with dim (networks, samples, n_out).
-
-    Arguments: master; n_parameters; layers, see `kernels.coopvec.layout`; the layer; its inputs x and outputs y; ranges
-    [networks, layers], raised to the largest |x| of the layer.
-    """
-    value = activation.func
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def layer_kernel(
-        master: wp.array[float],
-        n_parameters: int,
-        layers: wp.array2d[int],
-        layer: int,
-        x: wp.array3d[float],
-        ranges: wp.array2d[float],
-        y: wp.array3d[float],
-    ):
-        network, sample, n = wp.tid()
-        n_in, n_out = layers[layer, 0], layers[layer, 1]
-        weights = network * n_parameters + layers[layer, 7]
-        total = master[weights + n_out * n_in + n]
-        largest = float(0.0)
-        for k in range(n_in):
-            total += master[weights + n * n_in + k] * x[network, sample, k]
-            largest = wp.max(largest, wp.abs(x[network, sample, k]))
-        if n == 0:
-            wp.atomic_max(ranges, network, layer, largest)
-        y[network, sample, n] = value(total)
-
-    return layer_kernel
-
-
-@cache
 def make_tiled_mlp(spec: NetworkSpec) -> wp.Function:
     """The network by `wp.tile_matmul`, a whole block at a time, on every device that Warp knows.
 

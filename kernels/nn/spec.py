@@ -24,6 +24,9 @@ class Format:
     min_arch: int
     largest: float
 
+    def __reduce__(self):  # copies and pickles are the same object
+        return format_of, (self.name,)
+
     @property
     def per_word(self) -> int:
         """Elements in one 32-bit register."""

@@ -81,10 +81,9 @@ def fit(config: Config, name: str, make_network: Callable[..., wn.MLP], target: 
     net, seconds = train(config, make_network, target)
     picture = render(net, *target.shape[:2])
     save_beside(config.out / f"{name}.png", target, picture)
-    parameters = net.n_parameters + (net.encoding.n_parameters(net.n_in) if net.encoding else 0)
     return picture, {
         f"psnr_{name}": psnr(picture, target),
-        f"parameters_{name}": parameters,
+        f"parameters_{name}": net.n_parameters,
         f"seconds_{name}": seconds,
     }
 

@@ -18,7 +18,8 @@ from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.spec import FORMATS
 from warp_neural.nn.convert import Form, from_rtxns, read_rtxns, to_rtxns, write_rtxns
 from warp_neural.nn.encoding_file import describe_encoding
-from warp_neural.nn.network_data import NetworkData, parse_network, read_network, write_network
+from warp_neural.nn.network_file import from_tensors, read_state, write_state
+from warp_neural.nn.state import NetworkState
 
 _ACTIVATIONS = {activation.name: activation for activation in activations.ALL}
 ActivationName = Literal[tuple(_ACTIVATIONS)]
@@ -45,7 +46,7 @@ class Info(_Command):
         tensors, metadata = load_tensors(self.file)
         if metadata.get("format") != "network":
             return self.describe_tensors(tensors, metadata)
-        return {"format": "safetensors", **_describe(parse_network(self.file, tensors, metadata))}
+        return {"format": "safetensors", **_describe(from_tensors(self.file, tensors, metadata))}
 
     def describe_tensors(self, tensors: dict[str, np.ndarray], metadata: dict) -> dict:
         """Of a checkpoint or anything else that `save_tensors` wrote."""
@@ -81,9 +82,9 @@ class Convert(_Command):
 
     def main(self) -> dict:
         if Form.of_suffix(self.target) is Form.SAFETENSORS:
-            data = self.to_safetensors()
-            write_network(self.target, data)
-            return {"written": str(self.target), **_describe(data)}
+            state = self.to_safetensors()
+            write_state(self.target, state)
+            return {"written": str(self.target), **_describe(state)}
         if self.activation or self.output_activation:
             raise InputError(f"{self.target}: RTXNS's files hold no activations; leave the options out")
         network, lost = read_as_rtxns(self.target, self.source)
@@ -93,13 +94,13 @@ class Convert(_Command):
         rounding = max(float(np.abs(a.astype(np.float64) - b).max()) for a, b in pairs)
         return {"written": str(self.target), **_describe_rtxns(written), "largest_rounding": rounding, "left_out": lost}
 
-    def to_safetensors(self) -> NetworkData:
+    def to_safetensors(self) -> NetworkState:
         if Form.of_file(self.source) is Form.SAFETENSORS:
-            data = read_network(self.source)
-            hidden, last = data.spec.activation, data.spec.output_activation
+            state = read_state(self.source)
+            hidden, last = state.spec.activation, state.spec.output_activation
             hidden = _ACTIVATIONS[self.activation] if self.activation else hidden
             last = _ACTIVATIONS[self.output_activation] if self.output_activation else last
-            return replace(data, spec=replace(data.spec, activation=hidden, output_activation=last))
+            return replace(state, spec=replace(state.spec, activation=hidden, output_activation=last))
         hidden, last = _ACTIVATIONS[self.activation or "relu"], _ACTIVATIONS[self.output_activation or "exponential"]
         return from_rtxns(self.source, read_rtxns(self.source), hidden, last)
 
@@ -108,9 +109,9 @@ def read_as_rtxns(target: Path, source: Path) -> tuple[RtxnsNetwork, dict]:
     """The network of any file for RTXNS's `target`, and what of it RTXNS's files do not hold."""
     if Form.of_file(source) is not Form.SAFETENSORS:
         return read_rtxns(source), {}
-    data = read_network(source)
-    described = _describe(data)
-    return to_rtxns(target, data), {key: described[key] for key in ("activation", "output_activation", "encoding")}
+    state = read_state(source)
+    described = _describe(state)
+    return to_rtxns(target, state), {key: described[key] for key in ("activation", "output_activation", "encoding")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,22 +138,22 @@ def main(args: list[str] | None = None) -> None:
     cli.run(lambda command: command.main(), Info | Convert | Devices, args)
 
 
-def _describe(data: NetworkData) -> dict:
-    spec, encoding = data.spec, data.encoding
-    n_encoding = data.encoding_parameters.size if encoding else 0
+def _describe(state: NetworkState) -> dict:
+    spec, encoding, n_encoding = state.spec, state.encoding, state.encoding_parameters.size
     return {
         "sizes": list(spec.sizes),
-        "networks": data.count,
-        "parameters": data.count * spec.n_parameters + n_encoding,
+        "networks": state.count,
+        "parameters": state.parameters.size + n_encoding,
         "activation": spec.activation.name,
         "output_activation": spec.output_activation.name,
         "encoding": describe_encoding(encoding) if encoding else None,
         "precision": spec.format.name,
         "accumulation": spec.accumulation,
         "vectors": spec.dtype.__name__,
-        **_ranges(data.weights, data.biases),
-        **({"encoding_range": _range(data.encoding_parameters)} if n_encoding else {}),
-        "extra": data.extra,
+        "implementation": state.implementation,
+        **_ranges(state.weights, state.biases),
+        **({"encoding_range": _range(state.encoding_parameters)} if n_encoding else {}),
+        "extra": state.extra,
     }
 
 

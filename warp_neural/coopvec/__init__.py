@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.coopvec.combinations import Combination, check_combination, combination_table, supported_combinations
-from warp_neural.errors import InputError
+from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.coopvec.convert import LAYOUTS, STRIDED, Matrix, convert_kernel, matrix_elements, order
 from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.coopvec.operations import (
@@ -157,7 +157,7 @@ def convert_matrix(
     target_at = _Stored("target", rows, columns, target_precision, target_layout, target_stride, target_offset)
     given = [a.device for a in (target, source) if isinstance(a, wp.array)]
     to_host = device is None and not given
-    device = wp.get_device(device or (given[0] if given else "cpu"))
+    device = find_device(device or (given[0] if given else "cpu"))
     if target is None:
         target = wp.zeros((target_offset + round_up(target_at.bytes, 16)) // 4, dtype=wp.uint32, device=device)
     elif isinstance(target, wp.array) and target.device != device:
@@ -187,9 +187,12 @@ def _as_words(buffer: Array, device: wp.Device) -> wp.array:
 
 def pack_matrix(values: np.ndarray, precision: str, layout: str, device: wp.DeviceLike = None) -> Array:
     """`values` [rows, columns] as new words, in NumPy or on `device`."""
-    values = np.asarray(values, np.float32)
+    try:
+        values = np.asarray(values, np.float32)
+    except (TypeError, ValueError):
+        raise InputError("values: no array of numbers; expected [rows, columns]") from None
     if values.ndim != 2:
-        raise InputError(f"matrix {values.shape}: expected [rows, columns]")
+        raise InputError(f"values: shape {values.shape}; expected [rows, columns]")
     return convert_matrix(values, *values.shape, "float32", "row_major", precision, layout, device=device)
 
 

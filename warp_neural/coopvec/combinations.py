@@ -4,7 +4,7 @@ from dataclasses import astuple, dataclass, fields
 
 import warp as wp
 
-from warp_neural.errors import InputError
+from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.nn.spec import E4M3, E5M2, FLOAT16, FORMATS, INT8, check_types, format_of
 
 
@@ -28,7 +28,7 @@ class Combination:
 
 
 def supported_combinations(device: wp.DeviceLike = None) -> list[Combination]:
-    device, combinations = wp.get_device(device), []
+    device, combinations = find_device(device), []
     for format in FORMATS.values():
         native = device.is_cuda and format.k_step > 0 and device.arch >= format.min_arch
         kinds = [("int32" if format is INT8 else "float32", "float32")]  # accumulation, bias
@@ -66,4 +66,4 @@ def check_combination(
         check_types(format_of(precision), accumulation, dtype, bias)
     except InputError as error:
         table = combination_table(device)
-        raise InputError(f"{error}; on {wp.get_device(device)} these are supported:\n{table}") from None
+        raise InputError(f"{error}; on {find_device(device)} these are supported:\n{table}") from None

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from warp_neural.errors import InputError
+from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.shading.sampling_2d import DensityData, sample_density
 
 
@@ -19,7 +19,11 @@ class Density:
     sample = staticmethod(sample_density)
 
     def __init__(self, image: np.ndarray, *, device: wp.DeviceLike = None):
-        image = np.asarray(image, np.float64)
+        device = find_device(device)
+        try:
+            image = np.asarray(image, np.float64)
+        except (TypeError, ValueError):
+            raise InputError("image: no array of numbers; a density takes [height, width]") from None
         if image.ndim != 2 or 0 in image.shape:
             raise InputError(f"image: shape {image.shape}; a density takes [height, width], at least one pixel")
         if not np.isfinite(image).all() or image.min() < 0:
@@ -30,9 +34,13 @@ class Density:
         sums = image.sum(axis=1)
         rows = shares(sums[None])[0]
         columns = shares(np.where(sums[:, None] > 0, image, 1))
+        self.shape = image.shape
         self.data = DensityData()
         self.data.rows = wp.array(rows, dtype=float, device=device)  # [height + 1]
         self.data.columns = wp.array(columns, dtype=float, device=device)  # [height, width + 1]
+
+    def __repr__(self) -> str:
+        return f"Density({self.shape[0]} x {self.shape[1]}, {self.data.rows.device.alias})"
 
 
 def shares(values: np.ndarray) -> np.ndarray:

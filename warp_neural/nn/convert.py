@@ -4,7 +4,6 @@ from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 
-import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
@@ -16,8 +15,8 @@ from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.encodings import Encoding
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
 from warp_neural.nn.mlp import MLP
-from warp_neural.nn.network_data import NetworkData
-from warp_neural.nn.network_file import from_mlp, make_network
+from warp_neural.nn.network_file import make_network
+from warp_neural.nn.state import NetworkState
 
 
 class Form(Enum):
@@ -75,15 +74,18 @@ def load_rtxns(
     `encoding` of `n_in` inputs, without parameters of its own, is put in front. Raises `InputError` for files that
     `warp_neural.io.rtxns` refuses, and for sizes beyond what `MLP` takes.
     """
-    data = from_rtxns(path, read_rtxns(path), activation, output_activation)
+    state = from_rtxns(path, read_rtxns(path), activation, output_activation)
+    takes = state.spec.sizes[0]
     if encoding:
-        if n_in is None or encoding.n_out(n_in) != data.spec.sizes[0] or encoding.n_parameters(n_in):
+        if n_in is None or encoding.n_out(n_in) != takes or encoding.n_parameters(n_in):
             raise InputError(
-                f"{path}: takes {data.spec.sizes[0]} inputs; give an encoding with as many results of n_in inputs, and "
-                "without parameters"
+                f"{path}: takes {takes} inputs; give an encoding with as many results of n_in inputs, and without "
+                "parameters"
             )
-        data = replace(data, encoding=encoding, n_in=n_in, encoding_parameters=np.zeros(0, np.float32))
-    return make_network(path, data, device=device)
+        state = replace(state, encoding=encoding, n_in=n_in)
+    elif n_in not in (None, takes):
+        raise InputError(f"{path}: takes {takes} inputs, not n_in={n_in}; leave n_in out, or give an encoding")
+    return make_network(path, state, device)
 
 
 def save_rtxns(path: Path | str, net: MLP, *, precision: str = "float16") -> None:
@@ -92,7 +94,7 @@ def save_rtxns(path: Path | str, net: MLP, *, precision: str = "float16") -> Non
     Activations and encoding are not in these files. Raises `InputError` for what `write_binary` refuses, for several
     networks, and for an encoding with parameters.
     """
-    write_rtxns(path, to_rtxns(path, from_mlp(net)), precision)
+    write_rtxns(path, to_rtxns(path, net.state), precision)
 
 
 def write_rtxns(
@@ -107,20 +109,20 @@ def write_rtxns(
 
 def from_rtxns(
     path: Path | str, network: RtxnsNetwork, activation: Activation, output_activation: Activation
-) -> NetworkData:
+) -> NetworkState:
     """RTXNS's network of `path` as ours, computing in float16 as RTXNS does."""
     try:
         spec = NetworkSpec(network.sizes, activation, output_activation, FLOAT16)
     except ValueError as error:
         raise InputError(f"{path}: {short(error)}; only RTXNS's other form can hold it") from error
-    weights = [array.astype(np.float32) for array in network.weights]
-    return NetworkData(spec, weights, [array.astype(np.float32) for array in network.biases], extra=network.extra)
+    return NetworkState.of_layers(spec, network.weights, network.biases, extra=network.extra)
 
 
-def to_rtxns(path: Path | str, data: NetworkData) -> RtxnsNetwork:
+def to_rtxns(path: Path | str, state: NetworkState) -> RtxnsNetwork:
     """Our network for RTXNS's file `path`."""
-    if data.count > 1:
-        raise InputError(f"{path}: {data.count} networks, RTXNS's files hold one; save the one alone")
-    if data.encoding and data.encoding_parameters.size:
-        raise InputError(f"{path}: RTXNS's files cannot hold the parameters of {short(data.encoding)}; use safetensors")
-    return RtxnsNetwork(data.weights, data.biases, data.extra)
+    if state.count > 1:
+        raise InputError(f"{path}: {state.count} networks, RTXNS's files hold one; save the one alone")
+    if state.encoding_parameters.size:
+        encoding = short(state.encoding)
+        raise InputError(f"{path}: RTXNS's files cannot hold the parameters of {encoding}; use safetensors")
+    return RtxnsNetwork(state.weights, state.biases, state.extra)

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_neural.errors import InputError
+from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
 from warp_neural.kernels.coopvec.network import make_network
 from warp_neural.kernels.coopvec.rows import (
@@ -16,16 +16,18 @@ from warp_neural.kernels.coopvec.rows import (
     make_of_row,
     make_of_row_together,
 )
-from warp_neural.kernels.errors import require
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.activations import Activation
-from warp_neural.kernels.nn.encodings.base import Encoding
-from warp_neural.kernels.nn.encodings.network import make_encode_kernel, make_encoded
-from warp_neural.kernels.nn.mlp import make_layer_kernel, make_mlp, make_tiled_mlp
-from warp_neural.kernels.nn.spec import INT8, NetworkSpec, Parameters, format_of, round_up, select_network
+from warp_neural.kernels.nn.encodings import Encoding
+from warp_neural.kernels.nn.encodings.network import make_encoded
+from warp_neural.kernels.nn.mlp import make_mlp, make_tiled_mlp
+from warp_neural.kernels.nn.spec import INT8, Parameters, round_up, select_network
+from warp_neural.nn.calibration import Calibration, set_weight_steps
+from warp_neural.nn.initial_state import initial_state
 from warp_neural.nn.initialization import xavier_uniform
+from warp_neural.nn.state import NetworkState, describe, kind_of, require_same
 
-IMPLEMENTATIONS = {"cooperative": make_network, "per_thread": make_mlp, "tiled": make_tiled_mlp}
+FACTORIES = {"cooperative": make_network, "per_thread": make_mlp, "tiled": make_tiled_mlp}
 
 
 class MLP:
@@ -39,10 +41,14 @@ class MLP:
     precision: the format of weights and of the vectors between layers, one of `FORMATS`. accumulation: "float32" or,
     for float16, e4m3 and e5m2, "float16". dtype: element type of the vectors, float or `wp.float16`. implementation:
     "cooperative" (tensor cores), "per_thread" (float32 loops) or "tiled" (whole blocks: see `make_tiled_mlp`); the
-    last two read the float32 parameters whatever the precision. initialization: see `warp_neural.nn.initialization`;
-    biases start at zero.
+    last two read the float32 parameters whatever the precision. initialization: see `wn.initialization`; biases start
+    at zero.
 
-    After the float32 parameters in `master` have changed on the device, call `pack()`; with int8, `calibrate()`.
+    int8 rounds to steps. Those of a layer's weights follow the weights whenever they are packed; those of its inputs
+    are set by `calibrate`, at first from random inputs in [-1, 1], and by a `Trainer` as it goes. They are part of
+    `state`, what the network is: files, copies, pickles and other devices get all of it.
+
+    After the float32 parameters in `master` have changed on the device, call `pack()`.
     """
 
     Params = Parameters
@@ -66,40 +72,67 @@ class MLP:
         seed: int = 0,
         device: wp.DeviceLike = None,
     ):
-        names = ", ".join(IMPLEMENTATIONS)
-        require(implementation in IMPLEMENTATIONS, "implementation", implementation, f"one of {names}")
-        if not 0 <= depth <= 8:
-            raise InputError(f"depth={depth}: a network has 0 to 8 hidden layers")
-        if count < 1:
-            raise InputError(f"count={count}: at least one network is needed")
-        dtype = wp.float32 if dtype is float else dtype
-        if encoding and dtype is not wp.float32:
-            raise InputError("dtype=float16 with an encoding: encodings give float32; leave dtype out")
-        self.n_in, self.encoding = n_in, encoding
-        sizes = (encoding.n_out(n_in) if encoding else n_in, *[width] * depth, n_out)
-        self.spec = NetworkSpec(sizes, activation, output_activation, format_of(precision), accumulation, dtype)
-        self.count, self.implementation = count, implementation
-        rng = np.random.default_rng(seed)
-        shapes = self.spec.layers * count
-        layers = [np.hstack([initialization(rng, n, k).ravel(), np.zeros(n)]) for k, n in shapes]
-        if encoding:
-            layers.append(np.zeros(self.encoding_start - count * self.n_parameters))
-            layers.append(rng.uniform(*encoding.initial, count * encoding.n_parameters(n_in)))
-        self._calibration_inputs = np.random.default_rng(0).uniform(-1, 1, (256, n_in)).astype(np.float32)
-        self._allocate(np.hstack(layers), wp.get_device(device))
+        kind = encoding, activation, output_activation, precision, accumulation, dtype, implementation
+        state = initial_state(n_in, n_out, width, depth, *kind, initialization, count, seed)
+        self._allocate(state, find_device(device))
 
-    def _allocate(self, master: np.ndarray, device: wp.Device) -> None:
+    @classmethod
+    def from_state(cls, state: NetworkState, *, device: wp.DeviceLike = None) -> "MLP":
+        """The network of a state, equal bit for bit, on `device` (the current one by default)."""
+        hidden = state.spec.sizes[1:-1]
+        if len(set(hidden)) > 1:
+            raise InputError(f"hidden layers of sizes {hidden}; an MLP has one width: train it with one")
+        net = cls.__new__(cls)
+        net._allocate(state, find_device(device))
+        return net
+
+    def _allocate(self, state: NetworkState, device: wp.Device) -> None:
         """Every array on `device`, once: `pack()` and launches allocate nothing, so a CUDA graph can hold them."""
-        spec, self.device = self.spec, device
-        words = network_layout(spec, device.is_cuda)[1]
-        self.words = words
-        self.master = wp.array(master, dtype=float, device=device, requires_grad=True)  # networks, then encodings
-        self.packed = wp.zeros(self.count * words, dtype=wp.uint32, device=device)
+        spec = self.spec = state.spec
+        self.count, self.implementation, self.encoding, self.n_in = state.count, *kind_of(state)[2:]
+        self.device = device
+        self.words = network_layout(spec, device.is_cuda)[1]
+        n = self.encoding_start + state.encoding_parameters.size if self.encoding else state.parameters.size
+        self.master = wp.zeros(n, dtype=float, device=device, requires_grad=True)  # networks, then encodings
+        self.packed = wp.zeros(self.count * self.words, dtype=wp.uint32, device=device)
         self.table = wp.array(layer_table(spec, device.is_cuda), dtype=int, device=device)
         self.steps = wp.ones((self.count, len(spec.layers), 2), dtype=float, device=device)  # int8: input, weight
         self.params = Parameters()
         self.params.packed, self.params.master, self.params.network = self.packed, self.master, 0
-        self._refresh()
+        self.load_state(state)
+
+    @property
+    def state(self) -> NetworkState:
+        """What the network is, a copy on the host."""
+        master, n = self.master.numpy(), self.count * self.spec.n_parameters
+        own = master[self.encoding_start :] if self.encoding else None
+        steps = self.steps.numpy() if self.spec.format is INT8 else None
+        kind = self.count, self.implementation
+        return NetworkState(self.spec, master[:n], *kind, steps, self.encoding, self.n_in, own, self.extra)
+
+    def load_state(self, state: NetworkState) -> None:
+        """Take the numbers of a state: parameters, int8 steps and `extra`. Raises `InputError` for another network."""
+        require_same(state, self)
+        master = np.zeros(self.master.size, np.float32)
+        master[: state.parameters.size] = state.parameters.ravel()
+        if self.encoding:
+            master[self.encoding_start :] = state.encoding_parameters.ravel()
+        self.master.assign(master)
+        self.extra = dict(state.extra)
+        if state.steps is not None:
+            self.steps.assign(state.steps)
+            self.pack()
+        elif self.spec.format is INT8:
+            self.calibrate(np.random.default_rng(0).uniform(-1, 1, (256, self.n_in)))
+        else:
+            self.pack()
+
+    def __reduce__(self):
+        """Copies and pickles are on the same device; where there is none of its name, on the current one."""
+        return _restore, (self.state, self.device.alias)
+
+    def __repr__(self) -> str:
+        return f"MLP({describe(self)}, {self.device.alias})"
 
     @property
     def vec_in(self) -> type:
@@ -129,13 +162,13 @@ class MLP:
 
     @property
     def n_parameters(self) -> int:
-        """Of one network, without its encoding."""
-        return self.spec.n_parameters
+        """Trainable numbers of one of the `count` networks: weights, biases and its encoding's parameters."""
+        return self.spec.n_parameters + (self.encoding.n_parameters(self.n_in) if self.encoding else 0)
 
     @property
     def encoding_start(self) -> int:
         """Where the parameters of the encodings start in `master`, aligned to 16 bytes."""
-        return round_up(self.count * self.n_parameters, 4)
+        return round_up(self.count * self.spec.n_parameters, 4)
 
     @property
     def gradient(self) -> wp.array:
@@ -145,7 +178,7 @@ class MLP:
     @cached_property
     def func(self) -> wp.Function:
         """`(params: net.Params, x: net.vec_in) -> net.vec_out`, for any thread of any kernel."""
-        network = IMPLEMENTATIONS[self.implementation](self.spec)
+        network = FACTORIES[self.implementation](self.spec)
         return make_encoded(network, self.encode) if self.encoding else network
 
     @cached_property
@@ -159,12 +192,14 @@ class MLP:
         return select_network
 
     def pack(self) -> None:
-        """Round `master` into the buffer that `func` reads: one launch, which a CUDA graph can hold."""
+        """Round `master` into the buffer that `func` reads: a launch, int8 a few, which a CUDA graph can hold."""
         cuda = self.device.is_cuda
+        if self.spec.format is INT8:
+            set_weight_steps(self)
         wp.launch(
             make_pack_kernel(self.spec.format, cuda, bias_is_half(self.spec, cuda)),
             dim=(self.count, self.words),
-            inputs=[self.table, self.steps, self.master, self.n_parameters, self.packed, self.words],
+            inputs=[self.table, self.steps, self.master, self.spec.n_parameters, self.packed, self.words],
             device=self.device,
             record_tape=False,
         )
@@ -190,82 +225,46 @@ class MLP:
 
     def to(self, device: wp.DeviceLike) -> "MLP":
         """Move to another device, gradients left behind; returns self."""
-        device = wp.get_device(device)
+        device = find_device(device)
         if device != self.device:
-            self._allocate(self.master.numpy(), device)
+            self._allocate(self.state, device)
         return self
 
-    def calibrate(self, inputs: np.ndarray | None = None) -> None:
-        """Set the int8 steps of each layer of each network from sample inputs [n, n_in], then pack.
+    def calibrate(self, inputs: np.ndarray) -> None:
+        """int8: set the step of each layer's inputs from sample inputs [n, n_in], then pack.
 
-        Inputs of a layer step by the largest that the float32 network sees there / 127, weights by their largest / 127.
-        Without `inputs` the last ones are taken again, at first uniform random numbers in [-1, 1].
+        A step is the largest that the float32 network meets there / 127; larger ones saturate. Calibrate again after
+        you have set other weights, whose own steps follow them.
         """
-        if inputs is not None:
-            inputs = np.asarray(inputs, np.float32)
-            if inputs.ndim != 2 or inputs.shape[1] != self.n_in or not len(inputs):
-                raise InputError(f"calibration inputs {inputs.shape}: expected [n, {self.n_in}]")
-            self._calibration_inputs = inputs
-        samples, layers = len(self._calibration_inputs), self.spec.layers
-        ranges = wp.zeros((self.count, len(layers)), dtype=float, device=self.device)
-        h = np.broadcast_to(self._calibration_inputs, (self.count, *self._calibration_inputs.shape))
-        h = wp.array(h, dtype=float, device=self.device)
-        if self.encoding:
-            h, x = wp.empty((self.count, samples, layers[0][0]), dtype=float, device=self.device), h
-            inputs = [self.params, x, h]
-            wp.launch(make_encode_kernel(self.encode), h.shape[:2], inputs, device=self.device, record_tape=False)
-        for layer, (_, n_out) in enumerate(layers):
-            y = wp.empty((self.count, samples, n_out), dtype=float, device=self.device)  # [network, sample, n_out]
-            wp.launch(
-                make_layer_kernel(self.spec.activation_of(layer)),
-                dim=y.shape,
-                inputs=[self.master, self.n_parameters, self.table, layer, h, ranges, y],
-                device=self.device,
-                record_tape=False,
-            )
-            h = y
-        weights = np.stack([np.abs(w).reshape(self.count, -1).max(1) for w in self.weights], 1)
-        largest = np.stack([ranges.numpy(), weights], -1)  # [count, layers, 2]
-        self.steps.assign(np.where(largest > 0, largest, 1) / 127)
-        self.pack()
-
-    def _refresh(self) -> None:
-        if self.spec.format is INT8:
-            self.calibrate()
-        else:
-            self.pack()
-
-    def _views(self, master: np.ndarray, part: int) -> list[np.ndarray]:
-        """The weights (part 0) or biases (1) of each layer in `master`, with an axis of networks if several."""
-        master, views, start = master[: self.count * self.n_parameters].reshape(self.count, -1), [], 0
-        for n_in, n_out in self.spec.layers:
-            weights = master[:, start : start + n_out * n_in].reshape(self.count, n_out, n_in)
-            start += n_out * n_in + n_out
-            view = weights if part == 0 else master[:, start - n_out : start]
-            views.append(view if self.count > 1 else view[0])
-        return views
-
-    def _assign(self, values: list[np.ndarray], part: int) -> None:
-        master = self.master.numpy().copy()
-        for view, value in zip(self._views(master, part), values, strict=True):
-            view[...] = value
-        self.master.assign(master)
-        self._refresh()
+        if self.spec.format is not INT8:
+            raise InputError(f"calibrate: {self.precision} needs no steps; make the MLP with precision='int8'")
+        inputs = np.asarray(inputs, np.float32)
+        if inputs.ndim != 2 or inputs.shape[1] != self.n_in or not len(inputs) or not np.isfinite(inputs).all():
+            raise InputError(f"calibration inputs {inputs.shape}: expected [n, {self.n_in}], finite")
+        Calibration(self, len(inputs)).run(wp.array(inputs, dtype=float, device=self.device))
 
     @property
     def weights(self) -> list[np.ndarray]:
-        """Of each layer, [n_out, n_in], or [count, n_out, n_in] for several networks; assign a list to set them."""
-        return self._views(self.master.numpy().copy(), 0)
+        """Of each layer, [n_out, n_in], or [count, n_out, n_in] for several networks; assign a list to set them.
+
+        Read-only copies.
+        """
+        return self.state.weights
 
     @weights.setter
     def weights(self, values: list[np.ndarray]) -> None:
-        self._assign(values, 0)
+        self.load_state(self.state.with_layers(weights=values))
 
     @property
     def biases(self) -> list[np.ndarray]:
-        """Of each layer, [n_out], or [count, n_out] for several networks; assign a list to set them."""
-        return self._views(self.master.numpy().copy(), 1)
+        """Of each layer, [n_out], or [count, n_out] for several networks; assign a list to set them. As `weights`."""
+        return self.state.biases
 
     @biases.setter
     def biases(self, values: list[np.ndarray]) -> None:
-        self._assign(values, 1)
+        self.load_state(self.state.with_layers(biases=values))
+
+
+def _restore(state: NetworkState, alias: str) -> MLP:
+    there = {device.alias for device in wp.get_devices()}
+    return MLP.from_state(state, device=alias if alias in there else None)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from warp_neural.kernels.nn.losses import Loss
@@ -17,7 +18,7 @@ class FusedCpu(Steps):
     """One kernel for samples, forward, loss and gradients of a whole batch, in the order of the samples."""
 
     def __init__(
-        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
+        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, sizes: np.ndarray
     ):
         super().__init__(net, optimizer, progress, options, data)
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)

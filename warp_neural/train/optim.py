@@ -7,6 +7,8 @@ step count and rate on the host (a replayed CUDA graph would not advance), and k
 import numpy as np
 import warp as wp
 
+from warp_neural.errors import InputError
+from warp_neural.kernels.errors import is_finite, require, require_whole
 from warp_neural.kernels.nn.optimizers import adam, make_update_kernel, sgd, tick_kernel
 
 __all__ = ["SGD", "Adam", "Parameters", "cosine", "exponential", "linear"]
@@ -20,9 +22,12 @@ class Parameters:
     """
 
     def __init__(self, **arrays: wp.array) -> None:
+        require(len(arrays) > 0, "Parameters: arrays", arrays, "at least one, by name")
+        for name, array in arrays.items():
+            require(isinstance(array, wp.array), f"Parameters: {name}", type(array).__name__, "a Warp array")
         device = next(iter(arrays.values())).device
         if any(array.device != device for array in arrays.values()):
-            raise ValueError("the parameters lie on several devices; put them on one")
+            raise InputError("the parameters lie on several devices; put them on one")
         scalars = {name: _scalars(array) for name, array in arrays.items()}
         total = sum(array.size for array in scalars.values())
         self.flat = wp.zeros(total, dtype=wp.float32, device=device, requires_grad=True)
@@ -43,20 +48,34 @@ class Parameters:
         """A copy of every array on the host."""
         return {name: view.numpy().copy() for name, view in self._views.items()}
 
+    def __repr__(self) -> str:
+        arrays = (f"{name}={view.dtype.__name__} {list(view.shape)}" for name, view in self._views.items())
+        return f"Parameters({', '.join(arrays)}, {self.flat.device.alias})"
+
 
 def linear(start: float, end: float, steps: int) -> np.ndarray:
     """Rates for `steps` steps on a line from `start` towards `end`, then `end`. (Constant: pass the number itself.)"""
+    _check_schedule(start, end, steps)
     return _rates(start + (end - start) * np.arange(steps + 1) / steps)
 
 
 def cosine(start: float, end: float, steps: int) -> np.ndarray:
     """Half a cosine from `start` down to `end` over `steps` steps, then `end` (Loshchilov and Hutter 2017, eq. 5)."""
+    _check_schedule(start, end, steps)
     return _rates(end + (start - end) * 0.5 * (1 + np.cos(np.pi * np.arange(steps + 1) / steps)))
 
 
 def exponential(start: float, end: float, steps: int) -> np.ndarray:
     """A constant factor a step from `start` to `end` (both positive) over `steps` steps, then `end`."""
+    _check_schedule(start, end, steps)
+    require(start > 0 and end > 0, "start, end", (start, end), "positive rates, or another schedule")
     return _rates(start * (end / start) ** (np.arange(steps + 1) / steps))
+
+
+def _check_schedule(start: float, end: float, steps: int) -> None:
+    require_whole("steps", steps)
+    for name, value in (("start", start), ("end", end)):
+        require(is_finite(value) and value >= 0, name, value, "a rate, finite and not negative")
 
 
 class _Optimizer:
@@ -65,16 +84,32 @@ class _Optimizer:
     update: wp.Function
     moments: int
 
-    def __init__(self, parameters: wp.array | Parameters | None, lr, settings: tuple[float, ...], clear: bool) -> None:
-        self.lr, self.settings, self.clear = _rates(lr), wp.vec4(*settings), clear
+    def __init__(self, parameters: wp.array | Parameters | None, lr, options: dict[str, float], clear: bool) -> None:
+        for name, value in options.items():
+            valid, expected = is_finite(value) and value >= 0, "a finite number, not negative"
+            if name in ("beta1", "beta2", "momentum"):
+                valid, expected = valid and value < 1, "a number in [0, 1)"
+            if name == "eps":
+                valid, expected = valid and value > 0, "a positive number"
+            require(valid, f"{type(self).__name__}: {name}", value, expected)
+        self.lr, self.clear, self.options = _rates(lr), clear, options
+        *others, decay = options.values()
+        self.settings = wp.vec4(*[*others, 0.0, 0.0][:3], decay)
         if parameters is not None:
             self.bind(parameters)
+
+    def __repr__(self) -> str:
+        rates = np.atleast_1d(self.lr)
+        lr = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} to {rates[-1]:g} in {len(rates)} steps"
+        options = "".join(f", {name}={value:g}" for name, value in self.options.items())
+        return f"{type(self).__name__}(lr={lr}{options})"
 
     def bind(self, parameters: wp.array | Parameters) -> None:
         """Start on these parameters; a `Trainer` does this itself."""
         array = parameters.flat if isinstance(parameters, Parameters) else parameters
+        require(isinstance(array, wp.array), "parameters", type(array).__name__, "a Warp array, or Parameters")
         if array.grad is None:
-            raise ValueError("the parameters have no gradient; make them with requires_grad=True")
+            raise InputError("the parameters have no gradient; make them with requires_grad=True")
         self.values, self.gradient = _scalars(array), _scalars(array.grad)
         self.device = array.device
         self.rates = wp.array(np.atleast_1d(self.lr), dtype=wp.float32, device=self.device)
@@ -113,7 +148,8 @@ class Adam(_Optimizer):
         weight_decay: float = 0.0,
         clear: bool = False,
     ) -> None:
-        super().__init__(parameters, lr, (beta1, beta2, eps, weight_decay), clear)
+        options = {"beta1": beta1, "beta2": beta2, "eps": eps, "weight_decay": weight_decay}
+        super().__init__(parameters, lr, options, clear)
 
 
 class SGD(_Optimizer):
@@ -130,20 +166,24 @@ class SGD(_Optimizer):
         weight_decay: float = 0.0,
         clear: bool = False,
     ) -> None:
-        super().__init__(parameters, lr, (momentum, 0.0, 0.0, weight_decay), clear)
+        super().__init__(parameters, lr, {"momentum": momentum, "weight_decay": weight_decay}, clear)
 
 
 def _rates(values: float | np.ndarray) -> np.ndarray:
-    rates = np.asarray(values, dtype=np.float32)
-    if rates.ndim > 1 or rates.size == 0 or not np.isfinite(rates).all() or (rates < 0).any():
-        raise ValueError(f"learning rates must be finite and not negative, got {values}")
+    try:
+        rates = np.array(values, dtype=np.float32)
+    except (TypeError, ValueError):
+        rates = np.empty(0)
+    valid = rates.ndim <= 1 and rates.size > 0 and np.isfinite(rates).all() and (rates >= 0).all()
+    require(valid, "lr", values, "a rate, or those of the steps to come, finite and not negative")
+    rates.flags.writeable = False
     return rates
 
 
 def _scalars(array: wp.array) -> wp.array:
     """The same memory as a flat float32 array."""
     if getattr(array.dtype, "_wp_scalar_type_", array.dtype) is not wp.float32 or not array.is_contiguous:
-        raise ValueError(f"parameters must be contiguous float32 arrays, got {array.dtype} {array.shape}")
+        raise InputError(f"parameters must be contiguous float32 arrays, got {array.dtype} {array.shape}")
     return (array if array.dtype is wp.float32 else array.view(wp.float32)).flatten()
 
 

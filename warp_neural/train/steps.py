@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.kernels.nn.losses import Loss
-from warp_neural.kernels.nn.spec import Parameters
+from warp_neural.kernels.nn.spec import INT8, Parameters
 from warp_neural.kernels.training.encoded_batch import TILE
 from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.progress import Progress
@@ -18,9 +18,18 @@ from warp_neural.kernels.training.schedule import Schedule
 from warp_neural.kernels.training.taped import collect_kernel, make_loss_kernel, make_sample_kernel
 from warp_neural.kernels.training.taped_update import GROUP, make_update_kernel
 from warp_neural.kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
+from warp_neural.nn.calibration import Calibration
 from warp_neural.nn.mlp import MLP
 from warp_neural.train.encoded_batch import EncodedBatch, launch
 from warp_neural.train.layout import fragment_order, packed_targets
+
+CALIBRATION = 256  # samples of a step that set the steps of INT8
+KEEP = 0.99  # of larger steps from the training steps before
+
+
+def scalars(x: wp.array) -> wp.array:
+    """An array of vectors as [n, length]."""
+    return wp.array(ptr=x.ptr, dtype=x.dtype._wp_scalar_type_, shape=(x.size, x.dtype._length_), device=x.device)
 
 
 class Steps:
@@ -31,6 +40,9 @@ class Steps:
 
     def update(self) -> None:
         self.update_from(0, last=True)
+        self.pack()
+
+    def pack(self) -> None:
         self.net.pack()
 
     def update_from(self, first: int, last: bool) -> None:
@@ -56,10 +68,10 @@ class Taped(Steps):
     """For every network and device: samples to memory, the loss of each through `net.func`, and its adjoint."""
 
     def __init__(
-        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
+        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, sizes: np.ndarray
     ):
         super().__init__(net, optimizer, progress, options, data)
-        spec, device = net.spec, net.device
+        spec, device, batch = net.spec, net.device, int(sizes.max())
         self.samples = make_sample_kernel(sample, net.vec_in, spec.sizes[-1])
         self.loss = make_loss_kernel(net.func, spec, net.vec_in, loss)
         size = -(-batch // TILE) * TILE
@@ -67,10 +79,25 @@ class Taped(Steps):
         self.target = wp.zeros(size, dtype=wp.types.vector(spec.sizes[-1], float), device=device)
         self.losses = wp.zeros(size, dtype=float, device=device, requires_grad=True)
         self.seed = wp.full(size, progress.scale.numpy()[0], dtype=float, device=device)
+        self.launch = {"dim": size, "device": device, "block_dim": TILE, "record_tape": False}
+        if spec.format is INT8:
+            n = min(CALIBRATION, int(sizes.min()))
+            self.calibration, self.inputs = Calibration(net, n), scalars(self.x)[:n]
+            self.draw(0)
+            self.calibration.run(self.inputs)
+
+    def draw(self, micro: int) -> None:
+        wp.launch(self.samples, inputs=[self.data, self.progress, micro, self.x, self.target], **self.launch)
+
+    def pack(self) -> None:
+        if self.net.spec.format is INT8:  # the samples of the last batch, the parameters of the next step
+            self.calibration.run(self.inputs, KEEP)
+        else:
+            super().pack()
 
     def gradient(self, micro: int) -> None:
-        launch = {"dim": self.losses.size, "device": self.net.device, "block_dim": TILE, "record_tape": False}
-        wp.launch(self.samples, inputs=[self.data, self.progress, micro, self.x, self.target], **launch)
+        launch = self.launch
+        self.draw(micro)
         inputs = [self.net.params, self.progress, self.x, self.target, self.losses]
         wp.launch(self.loss, inputs=inputs, **launch)
         wp.launch(collect_kernel, inputs=[self.progress, self.options.batches, self.losses], **launch)
@@ -101,10 +128,10 @@ class FusedCuda(Steps):
     """
 
     def __init__(
-        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, batch: int
+        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, sizes: np.ndarray
     ):
         super().__init__(net, optimizer, progress, options, data)
-        device = net.device
+        device, batch = net.device, int(sizes.max())
         self.schedule = schedule = schedule_of(net)
         self.encoded_batch = EncodedBatch(net, sample, batch)
         encode = net.encode if net.encoding and not self.encoded_batch.used else None

@@ -16,6 +16,7 @@ from warp_neural.kernels.nn.spec import INT8
 from warp_neural.kernels.training.progress import Progress
 from warp_neural.kernels.training.update import Update
 from warp_neural.nn.mlp import MLP
+from warp_neural.train.arguments import batch_sizes, check_arguments, digest
 from warp_neural.train.checkpoint import load_checkpoint, save_checkpoint
 from warp_neural.train.cpu_steps import FusedCpu
 from warp_neural.train.optim import SGD, Adam
@@ -46,6 +47,9 @@ class Trainer:
     moving average of the parameters, in `averaged`. loss_scale: what gradients are multiplied by to fit float16; by
     default 128 to begin with, halved after a step whose gradient is not finite, which is skipped.
 
+    An int8 network is calibrated with the samples of the first step, and at each step from 256 of its samples, where a
+    larger range stays and fades by 1 % a step: the steps of inputs follow the network as it learns.
+
     Parameters of an encoding that is `sparse`, a hash grid, rest in steps that do not reach them; averages go on.
 
     One kernel takes a batch (`fused`), if the implementation is "cooperative", on CUDA of float16 and bfloat16 networks
@@ -71,15 +75,8 @@ class Trainer:
         fused: bool | None = None,
         seed: int = 0,
     ):
-        sizes = np.atleast_1d(np.asarray(batch))
-        if sizes.ndim != 1 or sizes.size == 0 or not np.issubdtype(sizes.dtype, np.integer) or sizes.min() < 1:
-            raise InputError(f"batch={batch}: a batch has at least one sample")
-        if batches < 1:
-            raise InputError(f"batches={batches}: a step needs at least one")
-        if average is not None and not 0 <= average < 1:
-            raise InputError(f"average={average}: the decay of an average lies in [0, 1)")
-        if net.count > 1:
-            raise InputError(f"a network with count={net.count}: a Trainer trains one")
+        numbers = {"batches": batches, "average": average, "loss_scale": loss_scale, "seed": seed}
+        check_arguments(net, sample, loss, optimizer, numbers)
         in_one = fused_steps(net)
         if fused and in_one is None:
             raise InputError("fused=True: not for this network on this device (see Trainer); leave it out")
@@ -87,13 +84,19 @@ class Trainer:
         self.net, self.device, self.fused = net, net.device, kind is not Taped
         self.optimizer = optimizer or Adam()
         self.optimizer.bind(net.master)
-        self.sizes, self.batches, self.seed, self.index = sizes, batches, seed, 0
+        self.sizes, self.batches, self.seed, self.index = batch_sizes(batch), batches, seed, 0
+        self.loss_function, self.loss_scale = loss, loss_scale
         scale = loss_scale or (128.0 if kind is FusedCuda else 1.0)
         self.progress = self._progress(scale)
         self.options = self._options(average, kind is FusedCuda and loss_scale is None)
-        arguments = (net, self.optimizer, self.progress, self.options, sample, data, loss, int(sizes.max()))
+        arguments = (net, self.optimizer, self.progress, self.options, sample, data, loss, self.sizes)
         self.launches = kind(*arguments)
         self._graphs: dict[int, Any] = {}
+
+    def __repr__(self) -> str:
+        batch = " to ".join(map(str, dict.fromkeys((self.batch_of(0), int(self.sizes[-1])))))
+        parts = [self.net, self.loss_function.name, self.optimizer, f"batch={batch}", f"step {self.index}"]
+        return f"Trainer({', '.join(map(str, parts))}, {'fused' if self.fused else 'taped'})"
 
     def _progress(self, scale: float) -> Progress:
         progress, device = Progress(), self.device
@@ -181,7 +184,7 @@ class Trainer:
     def losses(self) -> np.ndarray:
         """The loss of the last steps, float32 [min(steps so far, 16,384)]; of a skipped step not finite."""
         losses = np.roll(self.progress.losses.numpy(), -(self.index % HISTORY))
-        return losses[len(losses) - min(self.index, HISTORY) :]
+        return _read_only(losses[len(losses) - min(self.index, HISTORY) :])
 
     @property
     def loss(self) -> float:
@@ -202,7 +205,7 @@ class Trainer:
         """The moving average of `net.master`, float32; to use it: `net.master.assign(trainer.averaged); net.pack()`."""
         if not self.options.average.size:
             raise InputError("no average was kept; make the Trainer with average=0.99, for example")
-        return self.options.average.numpy().copy()
+        return _read_only(self.options.average.numpy().copy())
 
     def _check(self) -> None:
         if self.progress.good.numpy()[self.index % 2] <= -CHECK:
@@ -223,11 +226,17 @@ class Trainer:
         self.progress.counters.fill_(self.index)
 
     def _configuration(self) -> dict:
+        """What another run could have otherwise; of long arrays a digest."""
         return {
             "seed": self.seed,
             "optimizer": type(self.optimizer).__name__,
             "settings": list(map(float, self.optimizer.settings)),
+            "rate": digest(self.optimizer.lr),
+            "batch": digest(self.sizes),
             "batches": self.batches,
+            "loss": repr(self.loss_function),
+            "decay": self.options.decay,
+            "loss_scale": self.loss_scale,
             "fused": self.fused,
         }
 
@@ -235,3 +244,8 @@ class Trainer:
         """What changes from step to step beside the network."""
         arrays = {name: getattr(self.progress, name) for name in ("skipped", "good", "flags", "scale", "losses")}
         return arrays | {name: getattr(self.options, name) for name in ("first", "second", "average")}
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False
+    return array
