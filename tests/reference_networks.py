@@ -1,33 +1,45 @@
 """The truth about networks in float64 NumPy: activations, forward and backward, rounding to each number format."""
 
-import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import ml_dtypes
 import numpy as np
+from scipy.special import erf
+
+
+class Activation(NamedTuple):
+    value: Callable
+    slope: Callable
+
+    def __call__(self, z):
+        return self.value(z)
 
 
 def sigmoid(z):
     return 1 / (1 + np.exp(-z))
 
 
+def normal_cdf(z):
+    return (1 + erf(z / np.sqrt(2))) / 2
+
+
 ACTIVATIONS = {
-    "linear": lambda z: z,
-    "relu": lambda z: np.maximum(z, 0),
-    "leaky_relu": lambda z: np.where(z > 0, z, 0.01 * z),
-    "exponential": np.exp,
-    "shifted_exponential": lambda z: np.exp(z - 3),
-    "sigmoid": sigmoid,
-    "tanh": np.tanh,
-    "silu": lambda z: z * sigmoid(z),
-    "gelu": lambda z: 0.5 * z * (1 + np.vectorize(math.erf)(z / math.sqrt(2))),
-    "softplus": lambda z: np.logaddexp(0, z),
-    "sine": np.sin,
-    "squareplus": lambda z: 0.5 * (z + np.sqrt(z * z + 4)),
+    "linear": Activation(lambda z: z, np.ones_like),
+    "relu": Activation(lambda z: np.maximum(z, 0), lambda z: np.where(z > 0, 1, 0)),
+    "leaky_relu": Activation(lambda z: np.where(z > 0, z, 0.01 * z), lambda z: np.where(z > 0, 1, 0.01)),
+    "exponential": Activation(np.exp, np.exp),
+    "shifted_exponential": Activation(lambda z: np.exp(z - 3), lambda z: np.exp(z - 3)),
+    "sigmoid": Activation(sigmoid, lambda z: sigmoid(z) * sigmoid(-z)),
+    "tanh": Activation(np.tanh, lambda z: 1 / np.cosh(z) ** 2),
+    "silu": Activation(lambda z: z * sigmoid(z), lambda z: sigmoid(z) + z * sigmoid(z) * sigmoid(-z)),
+    "gelu": Activation(
+        lambda z: z * normal_cdf(z), lambda z: normal_cdf(z) + z * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+    ),
+    "softplus": Activation(lambda z: np.log1p(np.exp(z)), sigmoid),
+    "sine": Activation(np.sin, np.cos),
+    "squareplus": Activation(lambda z: (z + np.sqrt(z**2 + 4)) / 2, lambda z: (1 + z / np.sqrt(z**2 + 4)) / 2),
 }
-
-
-def slope(f, z, step=1e-6):
-    return (f(z + step) - f(z - step)) / (2 * step)
 
 
 def mlp(weights, biases, activations, x, dy=None):
@@ -41,7 +53,7 @@ def mlp(weights, biases, activations, x, dy=None):
         return h
     dw, db = [], []
     for w, f, (x, z) in reversed(list(zip(weights, activations, kept, strict=True))):
-        dz = dy * slope(f, z)
+        dz = dy * f.slope(z)
         dw.insert(0, dz.T @ x)
         db.insert(0, dz.sum(axis=0))
         dy = dz @ w

@@ -62,7 +62,7 @@ def drawn():
     drawn = [array.astype(np.float32).astype(np.float64) for array in (maps, light, view, rng.random((ROWS, 3)))]
     above = np.minimum(reference.dot(normal, light), reference.dot(normal, view))
     assert (above > 0.05).mean() > 0.5 and (above < 0).any()
-    return *drawn, np.abs(above) > 0.02  # finite differences and float32 mean nothing across the horizon
+    return *drawn, np.abs(above) > 0.02  # float32 means nothing across the horizon
 
 
 def split(maps):
@@ -93,7 +93,7 @@ def test_peak_of_a_mirror_is_finite_and_right(device):
 
 
 @pytest.mark.parametrize("weights", [(1.0, 0.0), (0.0, 1.0), (0.3, 20.0)])
-def test_loss_gradient_against_finite_differences(device, drawn, weights):
+def test_loss_gradient_against_float64(device, drawn, weights):
     maps, light, view, target, sound = drawn
     gradient = wp.zeros((ROWS, 9), dtype=float)
     vectors = [wp.array(v, dtype=wp.vec3) for v in (light, view, target)]
@@ -104,8 +104,8 @@ def test_loss_gradient_against_finite_differences(device, drawn, weights):
     def loss(rows):
         return reference.texel_loss(*split(rows), light, view, target, weights)
 
-    expected = reference.finite_difference(loss, maps)
+    expected = reference.derivative(loss, maps)
     scale = np.abs(expected).max(axis=1, keepdims=True) + 1e-6  # a row's small entries are differences of large ones
     worst = (np.abs(gradient.numpy() - expected) / scale)[sound]
-    assert np.quantile(worst, 0.99) < 1e-3
-    assert worst.max() < 1e-2
+    assert np.quantile(worst, 0.99) < 1e-5
+    assert worst.max() < 1e-4  # a lobe's flank: 1e3 ulp

@@ -106,7 +106,7 @@ def test_near_float64(precision, accumulation, device):
     assert error(evaluate(net, x).y, expected(net, x, np.zeros((N, 5))).y) <= bound(net)
 
 
-SIZES = [(3, 33, 2, 5), (1, 3, 3, 1), (100, 17, 1, 1), (33, 100, 1, 17), (5, 1, 2, 33)]
+SIZES = [(3, 33, 2, 5), (1, 3, 3, 1), (100, 17, 1, 1), (33, 100, 1, 17), (5, 1, 2, 33), (1, 1, 8, 1)]
 SHAPES = [("cooperative", s) for s in SIZES] + [("per_thread", s) for s in SIZES[:2]] + [("tiled", SIZES[0])]
 
 
@@ -154,7 +154,7 @@ def test_many_networks(implementation, device):
     weights, biases = net.weights, net.biases
     for i in range(3):
         mine = index == i
-        f = [np.tanh, reference.ACTIVATIONS["linear"]]
+        f = [reference.ACTIVATIONS["tanh"], reference.ACTIVATIONS["linear"]]
         y, dw, db, dx = reference.mlp([w[i] for w in weights], [b[i] for b in biases], f, x[mine], dy[mine])
         assert error(result.y[mine], y) <= 1e-6
         assert error(result.dx[mine], dx) <= 1e-5

@@ -46,6 +46,15 @@ def test_gradient_at_every_size(device, width, depth, precision):
         check_gradient(net, 100 if precision == "float32" else 1000, fused=fused)
 
 
+@pytest.mark.parametrize("seed", [9, 48], ids=["dead", "alive"])
+def test_gradient_through_nine_layers_of_width_one(device, seed):
+    """Without biases: a dead neuron passes on exactly 0, where ReLU's derivative is 0, for every sample."""
+    net = wn.MLP(1, 1, 1, 8, seed=seed, precision="float32", device=device)
+    for fused in (None, False):
+        _, gradient = check_gradient(net, 100, fused=fused)
+        assert (gradient != 0).sum() == {9: 1, 48: 18}[seed]
+
+
 @pytest.mark.parametrize("activation", activations.ALL, ids=lambda a: a.name)
 def test_fused_and_taped_gradients_agree(device, activation):
     if device.is_cpu and activation not in (activations.relu, activations.sine, activations.sigmoid):
