@@ -4,8 +4,8 @@ A matrix is [rows n, columns k]; an element index counts elements of the format 
 elements, between rows (column major: between columns), 0 for tight. The layouts are the same on every device:
 
 row_major, column_major: as everywhere; only these have a stride, and files hold only row major.
-inferencing_optimal: the B operands of `mma.sync` as `layout.py` packs them, tiles of 8 rows by two K blocks; float32:
-row major, rows padded to 4 elements.
+inferencing_optimal: the B operands of `mma.sync`, tiles of 8 rows by two K blocks; float32: row major, rows padded to 4
+elements.
 training_optimal: the accumulators of `mma.sync` m16n8, tiles of 16 rows by 8 columns, 4 elements a lane.
 """
 
@@ -14,8 +14,16 @@ from functools import cache
 import warp as wp
 
 from warp_neural.kernels.coopvec.formats import make_decode, make_encode
-from warp_neural.kernels.coopvec.layout import make_fragment_coordinates
-from warp_neural.kernels.nn.spec import FORMATS, Format, round_up
+from warp_neural.kernels.coopvec.fragment_layout import (
+    Layout,
+    Number,
+    Text,
+    accumulators,
+    column_major,
+    operands,
+    row_major,
+)
+from warp_neural.kernels.nn.spec import FORMATS, Format
 
 LAYOUTS = ("row_major", "column_major", "inferencing_optimal", "training_optimal")
 STRIDED = LAYOUTS[:2]
@@ -28,87 +36,57 @@ def order(layout: str, format: Format) -> int:
     return ORDERS.index((layout, format.k_step if layout == "inferencing_optimal" else 0))
 
 
+def matrix_layout(layout: str, format: Format, rows: Number, columns: Number) -> Layout:
+    if layout == "row_major":
+        return row_major(rows, columns)
+    if layout == "column_major":
+        return column_major(rows, columns)
+    if layout == "training_optimal":
+        return accumulators(rows, columns)
+    return operands(format, rows, columns) if format.k_step else row_major(rows, (columns + 3) // 4 * 4)
+
+
 def matrix_elements(layout: str, format: Format, rows: int, columns: int, stride: int = 0) -> int:
     """From the first element of the matrix to its last, padding of the optimal layouts included."""
-    if layout == "training_optimal":
-        return round_up(rows, 16) * round_up(columns, 8)
-    if layout == "inferencing_optimal":
-        step = format.k_step
-        return round_up(rows, 8) * round_up(columns, 2 * step) if step else rows * round_up(columns, 4)
+    if layout not in STRIDED:
+        return matrix_layout(layout, format, rows, columns).elements
     lines, length = (rows, columns) if layout == "row_major" else (columns, rows)
     return (lines - 1) * (stride or length) + length
 
 
-def element_index(layout: str, format: Format, rows: str, columns: str, stride: str) -> str:
-    """C++ expression of the element index of row `n`, column `k`, from the expressions of the matrix's sizes."""
+def layout_text(layout: str, format: Format, rows: str, columns: str, stride: str) -> Layout:
+    """Of C++ expressions of a matrix's sizes."""
     if layout == "row_major":
-        return f"n * ({stride} ? {stride} : {columns}) + k"
+        columns = f"{stride} ? {stride} : {columns}"
     if layout == "column_major":
-        return f"k * ({stride} ? {stride} : {rows}) + n"
-    if layout == "training_optimal":
-        # PTX ISA, accumulators of m16n8: lane 4 (n % 8) + k % 8 / 2 holds rows n, n + 8 and columns k, k + 1
-        lane = "n % 8 * 4 + k % 8 / 2"
-        return f"((n / 16 * (({columns} + 7) / 8) + k / 8) * 32 + {lane}) * 4 + n % 16 / 8 * 2 + k % 2"
-    step, half, per_word = format.k_step, format.k_step // 2, format.per_word
-    if step == 0:
-        return f"n * (({columns} + 3) / 4 * 4) + k"
-    register, element = ("k % 2", "0") if per_word == 1 else (f"k % {step} / {half}", f"(k % 2 + k % {half} / 8 * 2)")
-    tile = f"(n / 8 * (({columns} + {2 * step - 1}) / {2 * step}) + k / {2 * step})"  # the inverse of layout.py's order
-    word = f"({tile} * 32 + n % 8 * 4 + k % 8 / 2) * 4 + k / {step} % 2 * 2 + {register}"
-    return f"({word}) * {per_word} + {element}"
+        rows = f"{stride} ? {stride} : {rows}"
+    return matrix_layout(layout, format, Text(f"({rows})"), Text(f"({columns})"))
 
 
 @cache
 def make_element_index(layout: str, format: Format) -> wp.Function:
     """`(n, k, rows, columns, stride) -> element index` of one matrix."""
+    index = layout_text(layout, format, "rows", "columns", "stride").index(Text("n"), Text("k"))
 
-    @wp.func_native(f"return {element_index(layout, format, 'rows', 'columns', 'stride')};")
-    def index(n: int, k: int, rows: int, columns: int, stride: int) -> int: ...
+    @wp.func_native(f"return {index};")
+    def element_index(n: int, k: int, rows: int, columns: int, stride: int) -> int: ...
 
-    return index
-
-
-@wp.func
-def row_major_coordinates(i: int, rows: int, columns: int, stride: int):
-    length = wp.where(stride > 0, stride, columns)
-    return i / length, i % length
-
-
-@wp.func
-def column_major_coordinates(i: int, rows: int, columns: int, stride: int):
-    length = wp.where(stride > 0, stride, rows)
-    return i % length, i / length
-
-
-@wp.func
-def padded_coordinates(i: int, rows: int, columns: int, stride: int):
-    length = (columns + 3) / 4 * 4
-    return i / length, i % length
-
-
-@wp.func
-def training_coordinates(i: int, rows: int, columns: int, stride: int):
-    tiles = (columns + 7) / 8
-    tile = i / 128
-    return tile / tiles * 16 + i % 4 / 2 * 8 + i / 4 % 32 / 4, tile % tiles * 8 + i / 4 % 4 * 2 + i % 2
+    return element_index
 
 
 @cache
-def make_fragment_inverse(k_step: int) -> wp.Function:
-    coordinates = make_fragment_coordinates(BY_STEP[k_step])
-    step, per_word = wp.constant(k_step), wp.constant(BY_STEP[k_step].per_word)
+def make_element_place(layout: str, format: Format) -> wp.Function:
+    """`(element index, rows, columns, stride) -> (n, k)`, the inverse."""
+    n, k = layout_text(layout, format, "rows", "columns", "stride").place(Text("i"))
 
-    @wp.func
-    def fragment_inverse(i: int, rows: int, columns: int, stride: int):
-        n, k = coordinates(i / per_word, i % per_word, (columns + step - 1) / step * step)
-        return n, k
+    @wp.func_native(f"return wp::vec_t<2, int>({n}, {k});")
+    def element_place(i: int, rows: int, columns: int, stride: int) -> wp.vec2i: ...
 
-    return fragment_inverse
+    return element_place
 
 
 INDEX = [make_element_index(layout, BY_STEP[step]) for layout, step in ORDERS]
-COORDINATES = [row_major_coordinates, column_major_coordinates, padded_coordinates, training_coordinates]
-COORDINATES += [make_fragment_inverse(step) for _, step in ORDERS[4:]]
+PLACE = [make_element_place(layout, BY_STEP[step]) for layout, step in ORDERS]
 ENCODE, DECODE = [make_encode(f) for f in FORMATS.values()], [make_decode(f) for f in FORMATS.values()]
 
 
@@ -148,15 +126,14 @@ def convert_kernel(rows: int, columns: int, source: Matrix, target: Matrix):
     size = 32 / target.per_word
     result = target.words[word]
     for element in range(target.per_word):
-        n = int(0)
-        k = int(0)
+        at = wp.vec2i()
         for o in range(wp.static(len(ORDERS))):
             if target.order == o:
-                n, k = wp.static(COORDINATES[o])(word * target.per_word + element, rows, columns, target.stride)
+                at = wp.static(PLACE[o])(word * target.per_word + element, rows, columns, target.stride)
         bits = wp.uint32(0)
-        inside = n < rows and k < columns
+        inside = at[0] < rows and at[1] < columns
         if inside:
-            value = read(source, n, k, rows, columns)
+            value = read(source, at[0], at[1], rows, columns)
             for f in range(wp.static(len(FORMATS))):
                 if target.format == f:
                     bits = wp.static(ENCODE[f])(value)

@@ -1,9 +1,8 @@
 """Where each parameter lies in a packed buffer, and the kernel that packs float32 parameters into it.
 
-CUDA, tensor-core formats ("inferencing optimal"): for each 8-wide tile of neurons and pair of K blocks, 16 bytes a
-lane, lanes in order, so that one 128-bit load feeds both B operands of two `mma.sync` (PTX ISA, fragment tables of
-m16n8k16, m16n8k32, m16n8k8). CUDA float32: row major, rows padded to 16 bytes. CPU: float32 values already rounded to
-the format, [n_in, n_out] with rows padded to 16 elements, so that the inner loop runs over neurons.
+CUDA, tensor-core formats ("inferencing optimal"): the B operands of `fragment_layout`. CUDA float32: row major, rows
+padded to 16 bytes. CPU: float32 values already rounded to the format, [n_in, n_out] with rows padded to 16 elements, so
+that the inner loop runs over neurons.
 """
 
 from dataclasses import dataclass
@@ -11,7 +10,9 @@ from functools import cache
 
 import warp as wp
 
+from warp_neural.kernels.coopvec.convert import make_element_place
 from warp_neural.kernels.coopvec.formats import make_decode, make_encode
+from warp_neural.kernels.coopvec.fragment_layout import Layout, Text, biases, half_biases, operands
 from warp_neural.kernels.nn.activations import relu
 from warp_neural.kernels.nn.spec import FLOAT16, INT8, Format, NetworkSpec, round_up
 
@@ -48,10 +49,19 @@ class LayerLayout:
     def k_pairs(self, format: Format) -> int:
         return (self.k_blocks(format) + 1) // 2
 
+    def operands(self, format: Format) -> Layout:
+        """Of the weights, for tensor cores."""
+        return operands(format, self.n_pad, self.k_pad)
+
 
 def bias_is_half(spec: NetworkSpec, cuda: bool) -> bool:
     """Float16 accumulators start from a float16 bias; every other bias is float32."""
     return cuda and spec.accumulation == "float16" and spec.format.k_step > 0
+
+
+def bias_layout(spec: NetworkSpec, n: int) -> Layout:
+    """Of `n` biases, for tensor cores."""
+    return half_biases(n) if bias_is_half(spec, cuda=True) else biases(n)
 
 
 def bias_joins_relu(spec: NetworkSpec, is_last: bool) -> bool:
@@ -76,12 +86,12 @@ def network_layout(spec: NetworkSpec, cuda: bool) -> tuple[tuple[LayerLayout, ..
             n_words = n_pad * k_pad
         else:
             k_pad, n_pad = round_up(k, format.k_step), round_up(n, 8 if last else max(8, format.k_step))
-            n_words = n_pad // 8 * ((k_pad // format.k_step + 1) // 2) * 128
+            n_words = operands(format, n_pad, k_pad).elements // format.per_word
         bias = word + n_words
         if not cuda or format.k_step == 0:
             bias_words = n_pad
         else:
-            bias_words = round_up(n_pad, 32) // 2 if bias_is_half(spec, cuda) else round_up(n_pad, 16)
+            bias_words = bias_layout(spec, n_pad).elements // (2 if bias_is_half(spec, cuda) else 1)
         scales = bias + bias_words * (2 if format is INT8 else 1)
         layers.append(LayerLayout(k, n, k_pad, n_pad, word, bias, scales, master))
         word = scales + (4 if cuda else 16)
@@ -99,39 +109,12 @@ def layer_table(spec: NetworkSpec, cuda: bool) -> list[list[int]]:
     return [[l.k, l.n, l.k_pad, l.n_pad, l.weights, l.bias, l.scales, l.master] for l in layers]
 
 
-@cache
-def make_fragment_coordinates(format: Format):
-    """`(word, element, k_pad) -> (n, k)` of one element in the tensor-core layout."""
-    k_step, per_word = wp.constant(format.k_step), wp.constant(format.per_word)
-
-    @wp.func
-    def fragment_coordinates(word: int, element: int, k_pad: int):
-        k_pairs = (k_pad / k_step + 1) / 2
-        half = word % 4 / 2  # which K block of the pair
-        register = word % 2  # which half of the K block
-        lane = word / 4 % 32
-        tile = word / 128
-        n = tile / k_pairs * 8 + lane / 4
-        k = (tile % k_pairs * 2 + half) * k_step
-        if wp.static(per_word == 1):
-            k += lane % 4 * 2 + register
-        else:
-            k += register * k_step / 2 + lane % 4 * 2 + element % 2 + element / 2 * 8
-        return n, k
-
-    return fragment_coordinates
+@wp.func_native(f"return {biases(0).place(Text('i'))[0]};")
+def bias_place(i: int) -> int: ...
 
 
-@wp.func
-def bias_column(word: int) -> int:
-    """Neuron of a float32 bias: 16 bytes of lane t hold columns 2 t, 2 t + 1 of two tiles."""
-    return (word / 16 * 2 + word % 4 / 2) * 8 + word / 4 % 4 * 2 + word % 2
-
-
-@wp.func
-def half_bias_column(word: int) -> int:
-    """First neuron of a pair of float16 biases: 16 bytes of lane t hold columns 2 t, 2 t + 1 of four tiles."""
-    return (word / 16 * 4 + word % 4) * 8 + word / 4 % 4 * 2
+@wp.func_native(f"return {half_biases(0).place(Text('i'))[0]};")
+def half_bias_place(i: int) -> int: ...
 
 
 @cache
@@ -144,7 +127,7 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
     encode, decode = make_encode(format), make_decode(format)
     fragments = cuda and format.k_step > 0
     if fragments:
-        coordinates = make_fragment_coordinates(format)
+        place = make_element_place("inferencing_optimal", format)
     half_encode = make_encode(FLOAT16)
     is_int8 = wp.constant(format is INT8)
     bits = wp.constant(format.bits)
@@ -198,8 +181,8 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
             local = word - layers[layer, 4]
             if wp.static(fragments):
                 for element in range(wp.static(format.per_word)):
-                    n, k = coordinates(local, element, k_pad)
-                    code = weight(master, base, n, k, n_out, n_in, step)
+                    at = place(wp.static(format.per_word) * local + element, n_pad, k_pad, 0)
+                    code = weight(master, base, at[0], at[1], n_out, n_in, step)
                     result = result | (code << wp.uint32(element * bits))
             elif wp.static(cuda):
                 result = weight(master, base, local / k_pad, local % k_pad, n_out, n_in, step)
@@ -213,15 +196,15 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
                 local -= biases / 2
                 n = local
                 if wp.static(fragments):
-                    n = bias_column(local)
+                    n = bias_place(local)
                 z = bias(master, base, n, n_out, n_in) * largest_inverse(steps, network, layer)
                 result = wp.cast(z - wp.static(MAGIC) * share(steps, network, layer), wp.uint32)
             elif wp.static(half_bias):
-                n = half_bias_column(local)
+                n = half_bias_place(2 * local)
                 low = half_encode(bias(master, base, n, n_out, n_in))
                 result = low | (half_encode(bias(master, base, n + 1, n_out, n_in)) << wp.uint32(16))
             elif wp.static(fragments):
-                result = wp.cast(bias(master, base, bias_column(local), n_out, n_in), wp.uint32)
+                result = wp.cast(bias(master, base, bias_place(local), n_out, n_in), wp.uint32)
             else:
                 result = wp.cast(bias(master, base, local, n_out, n_in), wp.uint32)
         elif wp.static(is_int8):

@@ -2,12 +2,13 @@
 
 import warp as wp
 
-from warp_neural.kernels.coopvec.convert import element_index
+from warp_neural.kernels.coopvec.convert import layout_text
 from warp_neural.kernels.coopvec.cuda import adjoint as cuda_adjoint
 from warp_neural.kernels.coopvec.cuda import fragments, primitives
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.cuda.scalar import ADD
 from warp_neural.kernels.coopvec.formats import DECODE, ENCODE
+from warp_neural.kernels.coopvec.fragment_layout import Text, accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, NetworkSpec, round_up
@@ -21,13 +22,14 @@ def accessors(spec, stride: str = "matrix_stride") -> str:
     rows, columns = (spec.columns, spec.rows) if spec.transpose else (spec.rows, spec.columns)
     stored = "const integer n = column, k = row;" if spec.transpose else "const integer n = row, k = column;"
     elements = f"({stride} / {format.bits // 8})" if stride == "matrix_stride" else stride
+    layout = layout_text(spec.layout, format, str(rows), str(columns), elements)
     return f"""using real = wp::float32; using integer = wp::int32;
 auto decode = [](unsigned b) -> real {{ {DECODE[format]} }};
 auto encode = [](real x) -> unsigned {{ {ENCODE[format]} }};
 auto round_value = [&](real x) {{ return decode(encode(x)); }};
 auto round_half = [](real x) {{ return wp::half_to_float(wp::float_to_half(x)); }};
 auto index = [&](integer row, integer column) -> integer {{
-    {stored} return {element_index(spec.layout, format, str(rows), str(columns), elements)}; }};
+    {stored} return {layout.index(Text("n"), Text("k"))}; }};
 """
 
 
@@ -109,13 +111,16 @@ def load_words(spec, layer: LayerLayout) -> str:
     pairs = layer.k_pairs(format)
     if spec.layout == "inferencing_optimal" and not spec.transpose:
         return f"const uint4 q = __ldg(reinterpret_cast<const uint4*>(base) + (j * {pairs} + p) * 32 + lane);"
-    column = "2 * t + r % 2" if format.per_word == 1 else f"r % 2 * {format.k_step // 2} + 2 * t + e % 2 + e / 2 * 8"
+    operands = layer.operands(format)
+    (rows, columns), memory = operands.axes, operands.memory
+    digits = memory.only("e", "upper").split(Text("e")) | memory.only("register", "half").split(Text("r"))
+    row, column = rows.join(g=Text("g"), tile=Text("j")), columns.join(**digits, t=Text("t"), pair=Text("p"))
     return f"""unsigned words[4];
 const auto* stored = reinterpret_cast<const {WORDS[format.bits]}*>(base);
 for (int r = 0; r < 4; ++r) {{
     words[r] = 0u;
     for (int e = 0; e < {format.per_word}; ++e) {{
-        const integer row = 8 * j + g, column = (2 * p + r / 2) * {format.k_step} + {column};
+        const integer row = {row}, column = {column};
         if (row < {spec.rows} && column < {spec.columns})
             words[r] |= static_cast<unsigned>(stored[index(row, column)]) << {format.bits % 32} * e;
     }}
@@ -197,6 +202,10 @@ def tensor_outer_product(spec) -> str:
     """Both vectors as fragments with samples along K: transposed block by block; one addition to memory a warp."""
     network, _ = as_network(spec)
     n_blocks, k_blocks = round_up(spec.rows, 16) // 16, round_up(spec.columns, 16) // 16
+    sums = accumulators(16 * n_blocks, 16 * k_blocks)
+    digits = sums.memory.only("e", "upper").split(Text("r"))
+    row = sums.axes[0].join(**digits, g=Text("g"), block=Text("nb"))
+    column = sums.axes[1].join(**digits, t=Text("t"), tile=Text("(2 * kb + s)"))
 
     def units(vector: str, n: int) -> list[list[str]]:
         value = [f"static_cast<real>({vector}.c[{i}])" if i < n else "0.0f" for i in range(round_up(n, 16))]
@@ -210,7 +219,7 @@ for (int kb = 0; kb < {k_blocks}; ++kb) for (int s = 0; s < 2; ++s) {{
     real dw[4] = {{0.0f, 0.0f, 0.0f, 0.0f}};
     for (int m = 0; m < 2; ++m) multiply_add(dw, dw, left[m], right[m][kb][2 * s], right[m][kb][2 * s + 1]);
     for (int r = 0; r < 4; ++r) {{
-        const integer row = 16 * nb + g + r / 2 * 8, column = 16 * kb + 8 * s + 2 * t + r % 2;
+        const integer row = {row}, column = {column};
         if (row < {spec.rows} && column < {spec.columns}) add(const_cast<real*>(target) + index(row, column), dw[r]);
     }}
 }} }}

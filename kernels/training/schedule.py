@@ -7,6 +7,7 @@ ties them. `rooms.py` lists the rooms and chooses.
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
+from warp_neural.kernels.coopvec.fragment_layout import Layout
 from warp_neural.kernels.coopvec.layout import LayerLayout
 
 HOPPER_BYTES = 227 * 1024  # of a block's shared memory, at most
@@ -14,9 +15,10 @@ SPARE_BYTES = 15 * 1024  # of it, for what samples need
 
 
 class ScheduledLayer(Protocol):
-    """first, bias_first: where its weights, in the accumulators' order, and its biases begin in a block's sums."""
+    """first, bias_first: where its weights, in the order of `weight_sums`, and its biases begin in a block's sums."""
 
     layout: LayerLayout
+    weight_sums: Layout
     first: int
     bias_first: int
 

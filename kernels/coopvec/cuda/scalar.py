@@ -8,7 +8,15 @@ from dataclasses import replace
 import warp as wp
 
 from warp_neural.kernels.coopvec.formats import DECODE, ENCODE
-from warp_neural.kernels.coopvec.layout import MAGIC, LayerLayout, bias_is_half, bias_joins_relu, network_layout
+from warp_neural.kernels.coopvec.fragment_layout import Text
+from warp_neural.kernels.coopvec.layout import (
+    MAGIC,
+    LayerLayout,
+    bias_is_half,
+    bias_joins_relu,
+    bias_layout,
+    network_layout,
+)
 from warp_neural.kernels.nn.activations import relu
 from warp_neural.kernels.nn.spec import C_TYPES, FLOAT32, INT8, NetworkSpec
 
@@ -82,20 +90,21 @@ const real values[4] = {{four.x, four.y, four.z, four.w}};
 for (int e = 0; e < 4; ++e) {{ const int k = 4 * c + e; const real w = values[e]; {use} }}
 }}
 """
-    pairs, blocks, per_word = layer.k_pairs(format), layer.k_blocks(format), format.per_word
-    column = (
-        "kb * 8 + 2 * t + r" if per_word == 1 else f"(2 * kb + r) * {format.k_step // 2} + 2 * t + e % 2 + e / 2 * 8"
-    )
+    pairs, blocks, operands = layer.k_pairs(format), layer.k_blocks(format), layer.operands(format)
+    (rows, columns), memory = operands.axes, operands.memory
+    elements, units = memory.only("e", "upper"), memory.only("t", "g", "pair", "tile")
+    t, p = Text("t"), Text("p")
+    column = columns.join(**elements.split(Text("e")), t=t, register=Text("r"), half=Text("b"), pair=p)
     return f"""const uint4* weights = reinterpret_cast<const uint4*>(net + {layer.weights})
-    + n / 8 * {32 * pairs} + n % 8 * 4;
+    + {units.join(**rows.split(Text("n")))};
 integer p = 0;
 do {{
 uint4 q[4];
-for (int t = 0; t < 4; ++t) q[t] = __ldg(weights + p * 32 + t);
+for (int t = 0; t < 4; ++t) q[t] = __ldg(weights + {units.join(t=t, pair=p)});
 for (int b = 0; b < 2; ++b) {{ const int kb = 2 * p + b; if (kb < {blocks}) {{
 for (int t = 0; t < 4; ++t) for (int r = 0; r < 2; ++r) {{
     const unsigned word = b ? (r ? q[t].w : q[t].z) : (r ? q[t].y : q[t].x);
-    for (int e = 0; e < {per_word}; ++e) {{
+    for (int e = 0; e < {format.per_word}; ++e) {{
         const int k = {column};
         const real w = decode(word >> (e * {format.bits % 32}));
         {use}
@@ -107,13 +116,13 @@ for (int t = 0; t < 4; ++t) for (int r = 0; r < 2; ++r) {{
 
 
 def load_bias(spec: NetworkSpec, layer: LayerLayout) -> str:
-    """The bias of neuron n; the inverse of `layout.bias_column` and `layout.half_bias_column`."""
+    """The bias of neuron n."""
     if spec.format.k_step == 0:
         return f"__uint_as_float(__ldg(net + {layer.bias} + n))"
+    index = bias_layout(spec, layer.n_pad).index(Text("n"))
     if bias_is_half(spec, cuda=True):
-        index = "(n / 32 * 16 + n % 8 / 2 * 4 + n / 8 % 4) * 2 + n % 2"
         return f"wp::half_to_float(reinterpret_cast<const wp::half*>(net + {layer.bias})[{index}])"
-    return f"__uint_as_float(__ldg(net + {layer.bias} + n / 16 * 16 + n % 8 / 2 * 4 + n / 8 % 2 * 2 + n % 2))"
+    return f"__uint_as_float(__ldg(net + {layer.bias} + {index}))"
 
 
 def round_input(spec: NetworkSpec, layer: LayerLayout, value: str) -> str:

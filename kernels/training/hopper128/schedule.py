@@ -9,9 +9,10 @@ they lie in shared memory. Slots are those of `hopper64.schedule`, in panels of 
 
 from dataclasses import dataclass
 
+from warp_neural.kernels.coopvec.fragment_layout import Layout
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
 from warp_neural.kernels.nn.spec import NetworkSpec, round_up
-from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW, HopperSchedule, takes
+from warp_neural.kernels.training.hopper64.schedule import LAST_ROW, ROW, HopperSchedule, takes, weight_sums
 from warp_neural.kernels.training.schedule import HOPPER_BYTES
 
 WIDTH = 128
@@ -58,8 +59,12 @@ class Hopper128Layer:
         return self.registers + (1 if self.last else 4)
 
     @property
+    def weight_sums(self) -> Layout:
+        return weight_sums(self.layout, self.last)
+
+    @property
     def bias_first(self) -> int:
-        return self.first + GROUPS * self.registers * 128
+        return self.first + self.weight_sums.elements
 
 
 @dataclass(frozen=True)

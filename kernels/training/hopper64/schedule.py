@@ -7,6 +7,7 @@ dW stays in registers for as long as the launch lasts; a column of ones beside H
 
 from dataclasses import dataclass
 
+from warp_neural.kernels.coopvec.fragment_layout import Layout, warpgroup_accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
 from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
@@ -20,6 +21,12 @@ SLOT = SAMPLES * ROW
 LAST_ROW = 32  # bytes of a sample's dz of the last layer
 MAX_OUT = 16
 MAX_SUMS = 120  # registers for sums, of the 255 that a thread can have
+
+
+def weight_sums(layer: LayerLayout, last: bool) -> Layout:
+    """Of the weights' gradient in the block sums: dz^T H, or for the last layer H^T dz."""
+    n, k = layer.n_pad, layer.k_pad
+    return warpgroup_accumulators(k, n).transposed if last else warpgroup_accumulators(n, k)
 
 
 @dataclass(frozen=True)
@@ -48,8 +55,12 @@ class Hopper64Layer:
         return self.sums + self.registers
 
     @property
+    def weight_sums(self) -> Layout:
+        return weight_sums(self.layout, self.last)
+
+    @property
     def bias_first(self) -> int:
-        return self.first + self.registers * SAMPLES
+        return self.first + self.weight_sums.elements
 
 
 class HopperSchedule(Schedule):

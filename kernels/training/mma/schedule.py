@@ -9,6 +9,7 @@ tasks than warps splits the samples as well ("splits").
 from dataclasses import dataclass
 from functools import cache
 
+from warp_neural.kernels.coopvec.fragment_layout import Layout, accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
 from warp_neural.kernels.nn.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
 from warp_neural.kernels.training.schedule import HOPPER_BYTES, Schedule
@@ -51,8 +52,13 @@ class MmaLayer:
         return self.n_blocks // self.rows * self.column_groups
 
     @property
+    def weight_sums(self) -> Layout:
+        """Of the weights' gradient in the block sums."""
+        return accumulators(self.layout.n_pad, self.layout.k_pad)
+
+    @property
     def weight_floats(self) -> int:
-        return self.n_blocks * self.k_blocks * 256
+        return self.weight_sums.elements
 
     @property
     def bias_first(self) -> int:
