@@ -7,7 +7,6 @@ import warp as wp
 
 from warp_neural import encodings
 from warp_neural.kernels.coopvec.convert import convert_kernel
-from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.coopvec.network import make_network
 from warp_neural.kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
 from warp_neural.kernels.nn.losses import l2
@@ -104,20 +103,3 @@ def test_training_compiles_for_hopper(encoding, tmp_path):
     for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)
         assert artifact.stat().st_size > 0
-
-
-def test_stages_fit_static_shared_memory(tmp_path):
-    """Rows of several lengths and a network in one kernel: 48 KB a block hold all their stages."""
-    spec = NetworkSpec((64, 64, 16), dtype=wp.float16)
-    network, store = make_network(spec), make_store(16, wp.float16)
-    load, other = make_load(64, wp.float16), make_load(128, wp.float16)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options={"block_dim": 256})
-    def kernel(params: Parameters, x: wp.array2d[wp.float16], z: wp.array2d[wp.float16], y: wp.array2d[wp.float16]):
-        i = wp.tid()
-        v = load(x, i)
-        v[0] += other(z, i)[100]
-        store(y, i, network(params, v))
-
-    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
-    assert artifact.stat().st_size > 0

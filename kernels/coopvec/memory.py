@@ -7,6 +7,7 @@ from functools import cache
 
 import warp as wp
 
+from warp_neural.kernels.coopvec.pool import OWN, pool
 from warp_neural.kernels.nn.spec import C_TYPES, check_vector
 
 SIZES = {wp.float16: 2, wp.float32: 4}
@@ -52,7 +53,8 @@ def by_warp(units: int, take: str) -> str:
 
     With a row a thread, every load touches 32 lines of the cache. take: statements that take unit `u` from `q`.
     """
-    return f"""#if __CUDA_ARCH__ >= 800 && WP_TILE_BLOCK_DIM <= 256
+    most = 1 << (units - 1).bit_length()
+    return f"""#if __CUDA_ARCH__ >= 800
 const unsigned lane = threadIdx.x & 31u;
 size_t first = 0;
 bool together = __activemask() == 0xffffffffu;
@@ -61,28 +63,25 @@ if (together) {{
     together = __all_sync(0xffffffffu, aligned && reinterpret_cast<size_t>(bytes) == first + lane * pitch);
 }}
 if (together) {{
-constexpr unsigned MOST = WP_TILE_BLOCK_DIM <= 64 ? 8 : WP_TILE_BLOCK_DIM <= 128 ? 4 : 2;  // 8 KB a block
-constexpr unsigned CHUNK = MOST < {1 << (units - 1).bit_length()} ? MOST : {1 << (units - 1).bit_length()};
-__shared__ uint4 staged[WP_TILE_BLOCK_DIM * CHUNK];
-uint4* const rows = staged + (threadIdx.x & ~31u) * CHUNK;
+{OWN}
+constexpr unsigned UNITS = CHUNK < {most} ? CHUNK : {most};
 auto place = [&](unsigned row, unsigned u) {{  // swizzled: no two of eight lanes meet in a bank
-    return rows + row * CHUNK + (u ^ (CHUNK == 8 ? row & 7u : CHUNK == 4 ? row >> 1 & 3u : row >> 2 & 1u)); }};
-const unsigned own = lane % CHUNK, above = lane / CHUNK;  // the unit of a chunk, and the row, that this lane moves
+    return own_pool + row * UNITS + (u ^ (UNITS == 8 ? row & 7u : UNITS == 4 ? row >> 1 & 3u : row >> 2 & 1u)); }};
+const unsigned own = lane % UNITS, above = lane / UNITS;  // the unit of a chunk, and the row, that this lane moves
 auto source = [&](unsigned c, unsigned r) {{
-    return reinterpret_cast<const uint4*>(first + (32 / CHUNK * r + above) * pitch) + c + own; }};
-auto inside = [&](unsigned c) {{ return c + CHUNK <= {units} || c + own < {units}; }};
-constexpr bool AHEAD = CHUNK < {units};  // in several chunks: wait for memory once
-uint4 ahead[{units} + CHUNK];
+    return reinterpret_cast<const uint4*>(first + (32 / UNITS * r + above) * pitch) + c + own; }};
+auto inside = [&](unsigned c) {{ return c + UNITS <= {units} || c + own < {units}; }};
+constexpr bool AHEAD = UNITS < {units};  // in several chunks: wait for memory once
+uint4 ahead[{units} + UNITS];
 #pragma unroll
-for (unsigned c = 0; c < {units} && AHEAD; c += CHUNK)
+for (unsigned c = 0; c < {units} && AHEAD; c += UNITS)
 #pragma unroll
-for (unsigned r = 0; r < CHUNK; ++r) if (inside(c)) ahead[c + r] = __ldcg(source(c, r));
+for (unsigned r = 0; r < UNITS; ++r) if (inside(c)) ahead[c + r] = __ldcg(source(c, r));
 #pragma unroll
-for (unsigned c = 0; c < {units}; c += CHUNK) {{  // units of a row staged at a time
-__syncwarp();  // what a lane has stored, another may load
+for (unsigned c = 0; c < {units}; c += UNITS) {{  // units of a row staged at a time
 #pragma unroll
-for (unsigned r = 0; r < CHUNK; ++r) if (inside(c)) {{
-    uint4* const target = place(32 / CHUNK * r + above, own);
+for (unsigned r = 0; r < UNITS; ++r) if (inside(c)) {{
+    uint4* const target = place(32 / UNITS * r + above, own);
     if (AHEAD) *target = ahead[c + r];
     else asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
         :: "r"(static_cast<unsigned>(__cvta_generic_to_shared(target))), "l"(source(c, r)) : "memory");
@@ -90,7 +89,8 @@ for (unsigned r = 0; r < CHUNK; ++r) if (inside(c)) {{
 if (!AHEAD) asm volatile("cp.async.wait_all;" ::: "memory");
 __syncwarp();
 #pragma unroll
-for (unsigned u = c; u < c + CHUNK && u < {units}; ++u) {{ const uint4 q = *place(lane, u - c); {take} }}
+for (unsigned u = c; u < c + UNITS && u < {units}; ++u) {{ const uint4 q = *place(lane, u - c); {take} }}
+__syncwarp();
 }}
 }} else
 #endif
@@ -111,12 +111,21 @@ for (int i = 0; i < {n}; ++i) v.c[i] = reinterpret_cast<{c_type}*>(bytes)[i];
 return v;
 """
     gradient = "if (source.grad) {\n" + ROW.format(array="source", data="source.grad")
-    gradient += (
-        f"for (int i = 0; i < {n}; ++i) wp::atomic_add(reinterpret_cast<{c_type}*>(bytes) + i, adj_ret.c[i]);\n}}\n"
-    )
+    gradient += f"for (int i = 0; i < {n}; ++i) wp::atomic_add(reinterpret_cast<{c_type}*>(bytes) + i, dv.c[i]);\n}}\n"
 
-    @wp.func_native(text, adj_snippet=gradient)
-    def load(source: wp.array2d(dtype=dtype), row: int) -> vec: ...
+    @wp.func_native(text)
+    def load_row(source: wp.array2d(dtype=dtype), row: int, pool: wp.uint32) -> vec: ...
+
+    @wp.func_native(gradient)
+    def load_adjoint(source: wp.array2d(dtype=dtype), row: int, dv: vec): ...
+
+    @wp.func
+    def load(source: wp.array2d(dtype=dtype), row: int) -> vec:
+        return load_row(source, row, pool())
+
+    @wp.func_grad(load)
+    def adj_load(source: wp.array2d(dtype=dtype), row: int, adj_ret: vec):
+        load_adjoint(source, row, adj_ret)
 
     return load
 

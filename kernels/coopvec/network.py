@@ -6,6 +6,7 @@ import warp as wp
 
 from warp_neural.kernels.coopvec.cpu import network as cpu
 from warp_neural.kernels.coopvec.cuda import network as cuda
+from warp_neural.kernels.coopvec.pool import pool
 from warp_neural.kernels.native import both
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 
@@ -20,9 +21,18 @@ def make_network(spec: NetworkSpec) -> wp.Function:
     """
     vec_in, vec_out = spec.vec_in, spec.vec_out
 
-    @wp.func_native(
-        both(cpu.forward(spec), cuda.forward(spec)), adj_snippet=both(cpu.adjoint(spec), cuda.adjoint(spec))
-    )
-    def network(params: Parameters, x: vec_in) -> vec_out: ...
+    @wp.func_native(both(cpu.forward(spec), cuda.forward(spec)))
+    def network_forward(params: Parameters, x: vec_in, pool: wp.uint32) -> vec_out: ...
+
+    @wp.func_native(both(cpu.adjoint(spec), cuda.adjoint(spec)))
+    def network_adjoint(params: Parameters, x: vec_in, dy: vec_out, pool: wp.uint32) -> vec_in: ...
+
+    @wp.func
+    def network(params: Parameters, x: vec_in) -> vec_out:
+        return network_forward(params, x, pool())
+
+    @wp.func_grad(network)
+    def adj_network(params: Parameters, x: vec_in, adj_ret: vec_out):
+        wp.adjoint[x] += network_adjoint(params, x, adj_ret, pool())
 
     return network

@@ -12,6 +12,7 @@ import warp as wp
 
 from warp_neural.kernels.coopvec import operations_text as text
 from warp_neural.kernels.coopvec.convert import LAYOUTS
+from warp_neural.kernels.coopvec.pool import pool
 from warp_neural.kernels.errors import InputError, require, require_whole
 from warp_neural.kernels.nn.spec import INT8, MAX_SIZE, Format, check_types, check_vector, format_of
 
@@ -71,10 +72,39 @@ def make_matmul_add(spec: MatrixSpec) -> wp.Function:
     """
     vec_in, vec_out = spec.vec_in, spec.vec_out
 
-    @wp.func_native(text.product(spec, with_bias=True), adj_snippet=text.product_adjoint(spec, with_bias=True))
+    @wp.func_native(text.product(spec, with_bias=True))
+    def product(
+        v: vec_in,
+        matrix: Buffer,
+        matrix_offset: int,
+        matrix_stride: int,
+        bias: Buffer,
+        bias_offset: int,
+        pool: wp.uint32,
+    ) -> vec_out: ...
+
+    @wp.func_native(text.product_adjoint(spec, with_bias=True))
+    def product_adjoint(
+        v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, bias: Buffer, bias_offset: int, dy: vec_out
+    ) -> vec_in: ...
+
+    @wp.func
     def matmul_add(
         v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, bias: Buffer, bias_offset: int
-    ) -> vec_out: ...
+    ) -> vec_out:
+        return product(v, matrix, matrix_offset, matrix_stride, bias, bias_offset, pool())
+
+    @wp.func_grad(matmul_add)
+    def adj_matmul_add(
+        v: vec_in,
+        matrix: Buffer,
+        matrix_offset: int,
+        matrix_stride: int,
+        bias: Buffer,
+        bias_offset: int,
+        adj_ret: vec_out,
+    ):
+        wp.adjoint[v] += product_adjoint(v, matrix, matrix_offset, matrix_stride, bias, bias_offset, adj_ret)
 
     return matmul_add
 
@@ -84,8 +114,19 @@ def make_matmul(spec: MatrixSpec) -> wp.Function:
     """`(v, matrix, matrix_offset, matrix_stride) -> W v` (coopVecMatMulNV); see `make_matmul_add`."""
     vec_in, vec_out = spec.vec_in, spec.vec_out
 
-    @wp.func_native(text.product(spec, with_bias=False), adj_snippet=text.product_adjoint(spec, with_bias=False))
-    def matmul(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int) -> vec_out: ...
+    @wp.func_native(text.product(spec, with_bias=False))
+    def product(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, pool: wp.uint32) -> vec_out: ...
+
+    @wp.func_native(text.product_adjoint(spec, with_bias=False))
+    def product_adjoint(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, dy: vec_out) -> vec_in: ...
+
+    @wp.func
+    def matmul(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int) -> vec_out:
+        return product(v, matrix, matrix_offset, matrix_stride, pool())
+
+    @wp.func_grad(matmul)
+    def adj_matmul(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, adj_ret: vec_out):
+        wp.adjoint[v] += product_adjoint(v, matrix, matrix_offset, matrix_stride, adj_ret)
 
     return matmul
 
@@ -103,7 +144,15 @@ def make_outer_product_accumulate(spec: MatrixSpec) -> wp.Function:
     vec_a, vec_b = spec.vec_out, spec.vec_in
 
     @wp.func_native(text.outer_product(spec))
-    def outer_product_accumulate(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int): ...
+    def outer_product(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int, pool: wp.uint32): ...
+
+    @wp.func
+    def outer_product_accumulate(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int):
+        outer_product(a, b, gradient, offset, stride, pool())
+
+    @wp.func_grad(outer_product_accumulate)
+    def adj_outer_product_accumulate(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int):
+        pass  # it is part of a gradient itself
 
     return outer_product_accumulate
 

@@ -77,22 +77,24 @@ def product_adjoint(spec, with_bias: bool) -> str:
     """Per thread: gradients of the vector, and atomically of matrix and bias where they have a gradient array."""
     bias = """if (bias.gradient.data)
     for (integer n = 0; n < ROWS; ++n)
-        wp::atomic_add(bias.gradient.data + bias_offset / SIZE + n, static_cast<real>(adj_ret.c[n]));
+        wp::atomic_add(bias.gradient.data + bias_offset / SIZE + n, static_cast<real>(dy.c[n]));
 """.replace("ROWS", str(spec.rows)).replace("SIZE", "2" if spec.bias == "float16" else "4")
     return f"""{accessors(spec)}{weights_and_bias(spec, with_bias=False)}
+wp::vec_t<{spec.columns}, {C_TYPES[spec.dtype]}> dv;
 real* gradient = matrix.gradient.data;
 if (gradient) gradient += matrix_offset / {spec.format.bits // 8};
 for (integer k = 0; k < {spec.columns}; ++k) {{
     const real x = round_value(static_cast<real>(v.c[k]));
     real sum = 0.0f;
     for (integer n = 0; n < {spec.rows}; ++n) {{
-        const real dy = static_cast<real>(adj_ret.c[n]);
-        sum += dy * decode(bits(n, k));
-        if (gradient) wp::atomic_add(gradient + index(n, k), dy * x);
+        const real d = static_cast<real>(dy.c[n]);
+        sum += d * decode(bits(n, k));
+        if (gradient) wp::atomic_add(gradient + index(n, k), d * x);
     }}
-    adj_v.c[k] += sum;
+    dv.c[k] = {C_TYPES[spec.dtype]}(sum);
 }}
-{bias if with_bias else ""}"""
+{bias if with_bias else ""}return dv;
+"""
 
 
 def as_network(spec) -> tuple[NetworkSpec, LayerLayout]:

@@ -6,6 +6,7 @@ import warp as wp
 
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.memory import make_load, make_store
+from warp_neural.kernels.coopvec.pool import pool
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, Parameters
 
 BLOCK = 64  # threads of a block that evaluates rows: with few, more of a row is staged at a time
@@ -45,13 +46,13 @@ def make_of_row_together(spec: NetworkSpec, network: wp.Function) -> wp.Function
     vec_out, alone = spec.vec_out, make_of_row(network, spec.vec_in)
 
     @wp.func_native(f"#if defined(__CUDA_ARCH__)\n{cuda.forward_rows(spec)}\n#else\nreturn {{}};\n#endif\n")
-    def together(params: Parameters, x: wp.array2d[wp.float16], row: int) -> vec_out: ...
+    def together(params: Parameters, x: wp.array2d[wp.float16], row: int, pool: wp.uint32) -> vec_out: ...
 
     @wp.func
     def of_row(params: Parameters, x: wp.array2d[wp.float16], row: int) -> vec_out:
         y = vec_out()
         if rows_follow(x, row):
-            y = together(params, x, row)
+            y = together(params, x, row, pool())
         else:
             y = alone(params, x, row)
         return y

@@ -84,11 +84,13 @@ def adjoint(spec: NetworkSpec) -> str:
 real* grad = params.master.grad;
 if (grad) grad += wp::int64(params.network) * {spec.n_parameters};
 alignas(64) real d{len(layers)}[{round_up(spec.sizes[-1], LANES)}];
-for (int n = 0; n < {spec.sizes[-1]}; ++n) d{len(layers)}[n] = static_cast<real>(adj_ret.c[n]);
+for (int n = 0; n < {spec.sizes[-1]}; ++n) d{len(layers)}[n] = static_cast<real>(dy.c[n]);
 """
     text += "".join(layer_adjoint(spec, index) for index in reversed(layers))
-    sum_type = f"{c_type(spec)}(static_cast<real>(adj_x.c[k]) + d0[k])"
-    return f"{text}for (int k = 0; k < {spec.sizes[0]}; ++k) adj_x.c[k] = {sum_type};\n"
+    return f"""{text}wp::vec_t<{spec.sizes[0]}, {c_type(spec)}> dx;
+for (int k = 0; k < {spec.sizes[0]}; ++k) dx.c[k] = {c_type(spec)}(d0[k]);
+return dx;
+"""
 
 
 def c_type(spec: NetworkSpec) -> str:

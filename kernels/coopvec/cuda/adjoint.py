@@ -53,7 +53,7 @@ dz[m][b][r] = pack(d[r % 2 * 2] * d_hidden(low(v)), d[r % 2 * 2 + 1] * d_hidden(
         else:
             step += write_gradient(spec, layer)
         text += layer_loop(layers, first, count, step, ascending=False)
-    return text + "return;\n"
+    return text + "return dx;\n"
 
 
 def runs(layers: tuple[LayerLayout, ...]) -> list[tuple[int, int]]:
@@ -132,16 +132,16 @@ for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) for (int h = 0; h 
 
 
 def read_gradient(spec: NetworkSpec) -> str:
-    """`dz` of the last layer from `adj_ret`, normalised; `unscale` undoes that."""
+    """`dz` of the last layer from `dy`, normalised; `unscale` undoes that."""
     n_out, final = spec.sizes[-1], len(spec.layers) - 1
     blocks = round_up(n_out, 16) // 16
     units = []
     for unit in range(2 * blocks):
         pairs = [(8 * unit + 2 * t, 8 * unit + 2 * t + 1) for t in range(4)]
-        value = [[f"static_cast<real>(adj_ret.c[{n}]) * scale" if n < n_out else "0.0f" for n in p] for p in pairs]
+        value = [[f"static_cast<real>(dy.c[{n}]) * scale" if n < n_out else "0.0f" for n in p] for p in pairs]
         units.append([f"pack({low}, {high})" for low, high in value])
     return f"""real largest = 0.0f;
-for (int n = 0; n < {n_out}; ++n) largest = fmaxf(largest, fabsf(static_cast<real>(adj_ret.c[n])));
+for (int n = 0; n < {n_out}; ++n) largest = fmaxf(largest, fabsf(static_cast<real>(dy.c[n])));
 for (int bit = 16; bit > 0; bit /= 2) largest = fmaxf(largest, __shfl_xor_sync(0xffffffffu, largest, bit));
 const integer exponent = min(max(static_cast<integer>(__float_as_uint(largest) >> 23), 4), 250);  // largest: 4 to 8
 const real scale = __uint_as_float((256 - exponent) << 23), unscale = __uint_as_float((exponent - 2) << 23);
@@ -207,13 +207,13 @@ for (int p = 0; p < {pairs}; ++p) {{
 
 
 def write_gradient(spec: NetworkSpec, layer: LayerLayout) -> str:
-    """`dh` of the first layer, each thread's own row, to `adj_x`."""
+    """`dh` of the first layer, each thread's own row, to `dx`."""
     stores = []
     for unit in range(layer.k_pad // 4):
         columns = [(unit // 2 * 8 + unit % 2 + 2 * t, word) for t, word in enumerate("xyzw")]
         stores.append(
             " ".join(
-                f"adj_x.c[{k}] += {C_TYPES[spec.dtype]}(__uint_as_float(v.{word}) * unscale);"
+                f"dx.c[{k}] = {C_TYPES[spec.dtype]}(__uint_as_float(v.{word}) * unscale);"
                 for k, word in columns
                 if k < spec.sizes[0]
             )

@@ -71,11 +71,10 @@ return y;
 
 def adjoint(spec: NetworkSpec) -> str:
     """The adjoint snippet's CUDA body: 16-bit formats on tensor cores, the others in per-thread arithmetic."""
+    start = f"wp::vec_t<{spec.sizes[0]}, {C_TYPES[spec.dtype]}> dx;\n"
     if spec.format not in (FLOAT16, BFLOAT16) or max(spec.sizes) > 128:
-        return cuda_scalar.adjoint(spec, warps=True)
-    # larger blocks: the replayed forward pass and the adjoint together would exceed 48 KB of static shared memory
-    small = f"#if WP_TILE_BLOCK_DIM <= 512\n{when_whole_warp(spec, cuda_adjoint.body(spec))}#endif\n"
-    return small + cuda_scalar.adjoint(spec, warps=False)
+        return start + cuda_scalar.adjoint(spec, warps=True)
+    return start + when_whole_warp(spec, cuda_adjoint.body(spec)) + cuda_scalar.adjoint(spec, warps=False)
 
 
 def when_whole_warp(spec: NetworkSpec, body: str) -> str:

@@ -3,6 +3,7 @@
 import warp as wp
 
 from warp_neural.kernels.coopvec.layout import network_layout
+from warp_neural.kernels.coopvec.pool import OWN
 from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, E5M2, FLOAT16, INT8, TF32, Format, NetworkSpec
 
 MMA_TYPES = {
@@ -59,14 +60,14 @@ asm("mma.sync.aligned.{shape}.row.col.{result}.{element}.{element}.{result} "
 LANES = """using real = wp::float32; using integer = wp::int32;
 const unsigned lane = threadIdx.x & 31u, g = lane >> 2, t = lane & 3u;
 """
-STAGE = """
-constexpr int CHUNK = WP_TILE_BLOCK_DIM <= 64 ? 8 : WP_TILE_BLOCK_DIM <= 128 ? 4 : 2;
+STAGE = (
+    OWN
+    + """
 constexpr int UNITS = ROW_UNITS < CHUNK ? ROW_UNITS : CHUNK;  // 16-byte units of a row staged at a time
-__shared__ uint4 stage[WP_TILE_BLOCK_DIM * UNITS];
-uint4* const own = stage + threadIdx.x * UNITS;
+uint4* const own = own_pool + lane * UNITS;
 auto swizzled = [](unsigned row) { return UNITS == 8 ? row & 7u : UNITS == 4 ? row >> 1 & 3u : row >> 2 & 1u; };
 const unsigned swizzle = swizzled(lane);
-const unsigned rows = static_cast<unsigned>(__cvta_generic_to_shared(stage + (threadIdx.x & ~31u) * UNITS));
+const unsigned rows = static_cast<unsigned>(__cvta_generic_to_shared(own_pool));
 auto scatter = [&](int unit, unsigned (&w)[4]) {  // word t of `unit` of rows 8 i + g, to the rows' own lanes
 #if __CUDA_ARCH__ >= 900
     const unsigned address = rows + (lane * UNITS + (unit % UNITS ^ swizzle)) * 16;
@@ -87,6 +88,7 @@ auto gather = [&](int m, int b, unsigned (&w)[4]) {  // K block b of tile m as i
         : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
 };
 """
+)
 
 # lambdas to and from registers of each format
 HALF_TEXT = """

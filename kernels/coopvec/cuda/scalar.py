@@ -204,13 +204,13 @@ return result;
 
 
 def adjoint(spec: NetworkSpec, warps: bool) -> str:
-    """Adds to `adj_x` and to the gradient of the master parameters; `adj_ret` is the gradient of the result.
+    """Returns `dx`, adds to the gradient of the master parameters; `dy` is the gradient of the result.
 
     warps: whole warps may arrive with one network, and then sum their gradients first.
     """
     layers, _ = network_layout(spec, True)
     final = len(layers) - 1
-    text = f"""{{ {run_layers(spec)}
+    text = f"""{run_layers(spec)}
 auto d_hidden = [](real z) -> real {{ return {spec.activation.derivative}; }};
 auto d_last = [](real z) -> real {{ return {spec.output_activation.derivative}; }};
 {ADD}
@@ -219,7 +219,7 @@ if (gradient) gradient += static_cast<size_t>(params.network) * {spec.n_paramete
 {SUMS if warps else "constexpr bool together = false;"}
 real dz{final}[{spec.sizes[-1]}];
 #pragma unroll 4
-for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(adj_ret.c[n]) * d_last(z{final}[n]);
+for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(dy.c[n]) * d_last(z{final}[n]);
 """
     for i in range(final, -1, -1):
         layer = layers[i]
@@ -251,4 +251,4 @@ if (gradient && !together) {{
 #pragma unroll 4
 for (int k = 0; k < {layer.k}; ++k) dz{i - 1}[k] = dh{i}[k] * d_hidden(z{i - 1}[k]);
 """
-    return text + f"for (int k = 0; k < {spec.sizes[0]}; ++k) adj_x.c[k] += {C_TYPES[spec.dtype]}(dh0[k]); }}\n"
+    return text + f"for (int k = 0; k < {spec.sizes[0]}; ++k) dx.c[k] = {C_TYPES[spec.dtype]}(dh0[k]);\nreturn dx;\n"
