@@ -244,5 +244,5 @@ def test_refuses_arrays(device):
         convert_matrix(wp.zeros((3, 10), dtype=float, device=device)[:, ::2], *arguments)
     with pytest.raises(InputError, match="source buffer of vec2f"):
         convert_matrix(wp.zeros((3, 5), dtype=wp.vec2, device=device), *arguments)
-    with pytest.raises(InputError, match=r"matrix \(3,\): expected \[rows, columns\]"):
+    with pytest.raises(InputError, match=r"values: shape \(3,\); expected \[rows, columns\]"):
         pack_matrix(np.zeros(3), "float16", "row_major")
