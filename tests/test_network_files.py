@@ -13,8 +13,9 @@ from warp_neural import MLP, InputError
 from warp_neural.io.tensors import load_tensors, save_tensors
 from warp_neural.kernels.nn import activations, encodings
 from warp_neural.kernels.nn.spec import FORMATS, INT8, NetworkSpec
+from warp_neural.nn.kind import IMPLEMENTATIONS
 from warp_neural.nn.network_file import load_network, make_network, read_state, save_network, write_state
-from warp_neural.nn.state import IMPLEMENTATIONS, NetworkState, kind_of
+from warp_neural.nn.state import NetworkState
 
 quiet = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 
@@ -32,7 +33,7 @@ def arrays(state):
 
 
 def same(a, b):
-    assert (kind_of(a), a.extra) == (kind_of(b), b.extra)
+    assert (a.kind, a.extra) == (b.kind, b.extra)
     for x, y in zip(arrays(a), arrays(b), strict=True):
         assert x.dtype == y.dtype == np.float32 and x.shape == y.shape and x.tobytes() == y.tobytes()
 
@@ -115,6 +116,9 @@ def test_what_cannot_be_kept_is_not_written(tmp_path):
         write_state(tmp_path / "a", data)
     data = network(NetworkSpec((2, 1))).with_layers(biases=[np.full(1, np.nan)])
     with pytest.raises(InputError, match="NaN or infinite"):
+        write_state(tmp_path / "a", data)
+    data = dataclasses.replace(network(NetworkSpec((2, 1), format=INT8)), steps=None)
+    with pytest.raises(InputError, match="an int8 network without steps; make an MLP"):
         write_state(tmp_path / "a", data)
     assert not list(tmp_path.iterdir())
 

@@ -92,6 +92,7 @@ def test_states_that_contradict_themselves_are_refused():
     for change, message in [
         ({"parameters": np.zeros(3)}, "parameters: shape"),
         ({"steps": np.ones(2)}, "steps: shape"),
+        ({"steps": 0 * state.steps}, "steps: not all are positive"),
         ({"count": 0}, "count=0"),
         ({"implementation": "fast"}, "implementation='fast': expected one of cooperative"),
         ({"n_in": 2}, "n_in=2: 2 values to a network that takes 3"),

@@ -25,12 +25,13 @@ from warp_neural.kernels.nn.spec import INT8, Parameters, round_up, select_netwo
 from warp_neural.nn.calibration import Calibration, set_weight_steps
 from warp_neural.nn.initial_state import initial_state
 from warp_neural.nn.initialization import xavier_uniform
-from warp_neural.nn.state import NetworkState, describe, kind_of, require_same
+from warp_neural.nn.kind import Kind
+from warp_neural.nn.state import NetworkState
 
 FACTORIES = {"cooperative": make_network, "per_thread": make_mlp, "tiled": make_tiled_mlp}
 
 
-class MLP:
+class MLP(Kind):
     """`count` networks n_in -> [encoding ->] width (`depth` times) -> n_out with one shape, in one pair of buffers.
 
     In a kernel that takes `params: net.Params`, `net.func(params, x)` evaluates network `params.network` for the
@@ -89,7 +90,7 @@ class MLP:
     def _allocate(self, state: NetworkState, device: wp.Device) -> None:
         """Every array on `device`, once: `pack()` and launches allocate nothing, so a CUDA graph can hold them."""
         spec = self.spec = state.spec
-        self.count, self.implementation, self.encoding, self.n_in = state.count, *kind_of(state)[2:]
+        self.count, self.implementation, self.encoding, self.n_in = state.count, *state.kind[2:]
         self.device = device
         self.words = network_layout(spec, device.is_cuda)[1]
         n = self.encoding_start + state.encoding_parameters.size if self.encoding else state.parameters.size
@@ -112,7 +113,7 @@ class MLP:
 
     def load_state(self, state: NetworkState) -> None:
         """Take the numbers of a state: parameters, int8 steps and `extra`. Raises `InputError` for another network."""
-        require_same(state, self)
+        self.require_kind(state)
         master = np.zeros(self.master.size, np.float32)
         master[: state.parameters.size] = state.parameters.ravel()
         if self.encoding:
@@ -132,7 +133,7 @@ class MLP:
         return _restore, (self.state, self.device.alias)
 
     def __repr__(self) -> str:
-        return f"MLP({describe(self)}, {self.device.alias})"
+        return f"MLP({self.description}, {self.device.alias})"
 
     @property
     def vec_in(self) -> type:
@@ -141,34 +142,6 @@ class MLP:
     @property
     def vec_out(self) -> type:
         return self.spec.vec_out
-
-    @property
-    def n_out(self) -> int:
-        return self.spec.sizes[-1]
-
-    @property
-    def depth(self) -> int:
-        """Hidden layers."""
-        return len(self.spec.layers) - 1
-
-    @property
-    def width(self) -> int:
-        """Of the hidden layers; 0 without any."""
-        return self.spec.sizes[1] if self.depth else 0
-
-    @property
-    def precision(self) -> str:
-        return self.spec.format.name
-
-    @property
-    def n_parameters(self) -> int:
-        """Trainable numbers of one of the `count` networks: weights, biases and its encoding's parameters."""
-        return self.spec.n_parameters + (self.encoding.n_parameters(self.n_in) if self.encoding else 0)
-
-    @property
-    def encoding_start(self) -> int:
-        """Where the parameters of the encodings start in `master`, aligned to 16 bytes."""
-        return round_up(self.count * self.spec.n_parameters, 4)
 
     @property
     def gradient(self) -> wp.array:

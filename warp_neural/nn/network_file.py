@@ -17,8 +17,9 @@ from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.encodings import Encoding
 from warp_neural.kernels.nn.spec import FORMATS, INT8, MAX_SIZE, NetworkSpec
 from warp_neural.nn.encoding_file import describe_encoding, make_encoding
+from warp_neural.nn.kind import IMPLEMENTATIONS
 from warp_neural.nn.mlp import MLP
-from warp_neural.nn.state import IMPLEMENTATIONS, NetworkState
+from warp_neural.nn.state import NetworkState
 
 _FORMAT, _VERSION = "network", 2
 _ACTIVATIONS = {activation.name: activation for activation in activations.ALL}
@@ -63,6 +64,8 @@ def to_tensors(path: Path | str, state: NetworkState) -> tuple[dict[str, np.ndar
     for activation in (spec.activation, spec.output_activation):
         if activation not in activations.ALL:
             raise InputError(f"{path}: activation {activation.name!r} is your own; files hold those of wn.activations")
+    if spec.format is INT8 and state.steps is None:
+        raise InputError(f"{path}: an int8 network without steps; make an MLP of the state and calibrate it")
     tensors = {f"weights.{i}": weights for i, weights in enumerate(state.weights)}
     tensors |= {f"biases.{i}": biases for i, biases in enumerate(state.biases)}
     tensors |= {"steps": state.steps} if state.steps is not None else {}

@@ -9,12 +9,11 @@ from warp_neural.errors import InputError
 from warp_neural.kernels.errors import require, require_whole
 from warp_neural.kernels.nn.encodings import Encoding
 from warp_neural.kernels.nn.spec import INT8, NetworkSpec
-
-IMPLEMENTATIONS = ("cooperative", "per_thread", "tiled")
+from warp_neural.nn.kind import IMPLEMENTATIONS, Kind
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NetworkState:
+class NetworkState(Kind):
     """All that makes a network (see `MLP`), in read-only arrays: what files, devices and copies pass on.
 
     spec: sizes after the encoding, activations, format, accumulation, element type of vectors. parameters: float32
@@ -53,6 +52,8 @@ class NetworkState:
             "encoding_parameters": _read_only("encoding_parameters", own, (self.count, n)),
             "steps": None if steps is None else _read_only("steps", steps, (self.count, len(spec.layers), 2)),
         }
+        if steps is not None and not (values["steps"] > 0).all():
+            raise InputError("steps: not all are positive; give the largest input and weight of each layer / 127")
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -61,7 +62,7 @@ class NetworkState:
         return type(self), tuple(getattr(self, f.name) for f in fields(self))
 
     def __repr__(self) -> str:
-        return f"NetworkState({describe(self)})"
+        return f"NetworkState({self.description})"
 
     @property
     def weights(self) -> list[np.ndarray]:
@@ -92,29 +93,6 @@ class NetworkState:
             for layer, (view, value) in enumerate(zip(views, values, strict=True)):
                 view[...] = _fitted(f"{name} of layer {layer}", value, view.shape)
         return replace(self, parameters=parameters)
-
-
-def kind_of(network: Any) -> tuple[Any, ...]:
-    """All but the numbers of a state or an `MLP`: networks of one kind can take each other's."""
-    return network.spec, network.count, network.implementation, network.encoding, network.n_in
-
-
-def require_same(state: NetworkState, network: Any) -> None:
-    """Raise `InputError` unless `network`, an `MLP`, can take the numbers of `state`."""
-    if kind_of(state) != kind_of(network):
-        here = describe(network)
-        raise InputError(f"of another network, {describe(state)}, and this is {here}; make the same MLP first")
-
-
-def describe(network: Any) -> str:
-    """One line of a state's or an `MLP`'s sizes, types and encoding."""
-    spec, sizes = network.spec, "-".join(map(str, network.spec.sizes))
-    parts = [f"{network.n_in} -> {network.encoding} -> {sizes}" if network.encoding else sizes]
-    parts += [spec.activation.name, spec.output_activation.name, spec.format.name]
-    parts += ["float16 sums"] if spec.accumulation == "float16" else []
-    parts += [f"{spec.dtype.__name__} vectors"] if spec.dtype.__name__ != "float32" else []
-    parts += [network.implementation] + ([f"count={network.count}"] if network.count > 1 else [])
-    return ", ".join(parts)
 
 
 def layers_of(spec: NetworkSpec, parameters: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -9,7 +9,6 @@ from warp_neural.errors import InputError
 from warp_neural.io.tensors import load_tensors, save_tensors, short
 from warp_neural.nn.mlp import MLP
 from warp_neural.nn.network_file import from_tensors, to_tensors
-from warp_neural.nn.state import require_same
 
 _FORMAT, _VERSION = "checkpoint", 2
 PREFIX = "training."  # of the tensors that belong to the run
@@ -41,7 +40,7 @@ def load_checkpoint(path: Path | str, net: MLP, configuration: dict, state: dict
         raise InputError(f"{path}: of a run with another {', '.join(names)}; make the Trainer with the same arguments")
     network = from_tensors(path, {k: v for k, v in tensors.items() if not k.startswith(PREFIX)}, network)
     try:
-        require_same(network, net)
+        net.require_kind(network)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     values = {name: _checked(path, name, array, tensors.get(PREFIX + name)) for name, array in state.items()}
