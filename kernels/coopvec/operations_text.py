@@ -119,9 +119,9 @@ def load_words(spec, layer: LayerLayout) -> str:
     row, column = rows.join(g=Text("g"), tile=Text("j")), columns.join(**digits, t=Text("t"), pair=Text("p"))
     return f"""unsigned words[4];
 const auto* stored = reinterpret_cast<const {WORDS[format.bits]}*>(base);
-for (int r = 0; r < 4; ++r) {{
+UNROLL for (int r = 0; r < 4; ++r) {{
     words[r] = 0u;
-    for (int e = 0; e < {format.per_word}; ++e) {{
+    UNROLL for (int e = 0; e < {format.per_word}; ++e) {{
         const integer row = {row}, column = {column};
         if (row < {spec.rows} && column < {spec.columns})
             words[r] |= static_cast<unsigned>(stored[index(row, column)]) << {format.bits % 32} * e;
@@ -140,11 +140,11 @@ def tensor_product(spec, with_bias: bool) -> str:
     sums = [f"d[m][j][2 * h + {e}]" for e in (0, 1)]
     if format is INT8 or not with_bias:
         zero = "0x4b400000" if format is INT8 else "0"  # see fragments.start_tile
-        start = f"for (int r = 0; r < {registers}; ++r) d[m][j][r] = {zero};"
+        start = f"UNROLL for (int r = 0; r < {registers}; ++r) d[m][j][r] = {zero};"
     elif spec.accumulation == "float16":
-        start = f"for (int h = 0; h < 2; ++h) d[m][j][h] = half_pack({bias[0]}, {bias[1]});"
+        start = f"UNROLL for (int h = 0; h < 2; ++h) d[m][j][h] = half_pack({bias[0]}, {bias[1]});"
     else:
-        start = f"for (int h = 0; h < 2; ++h) {{ {sums[0]} = {bias[0]}; {sums[1]} = {bias[1]}; }}"
+        start = f"UNROLL for (int h = 0; h < 2; ++h) {{ {sums[0]} = {bias[0]}; {sums[1]} = {bias[1]}; }}"
     if format is INT8:
         add = [f" + {b}" if with_bias else "" for b in bias]
         sums = [f"__int_as_float({d}) - 12582912.0f{more}" for d, more in zip(sums, add, strict=True)]
@@ -156,17 +156,17 @@ def tensor_product(spec, with_bias: bool) -> str:
         result = f"o[m][j][h] = __float_as_uint({sums[0]}); o[m][j][2 + h] = __float_as_uint({sums[1]});"
     pointer = f"const {C_TYPES[wp.float16 if spec.bias == 'float16' else wp.float32]}*"
     rows = f"""{pointer} row_bias[4];
-for (int i = 0; i < 4; ++i) row_bias[i] = reinterpret_cast<{pointer}>(
+UNROLL for (int i = 0; i < 4; ++i) row_bias[i] = reinterpret_cast<{pointer}>(
     __shfl_sync(0xffffffffu, reinterpret_cast<unsigned long long>(biases), 8 * i + static_cast<integer>(g)));
 auto bias_at = [&](integer i, integer n) -> real {{ return n < {spec.rows} ? bias_value(row_bias[i], n) : 0.0f; }};
 """
     blocks = layer.k_blocks(format)
-    multiply = fragments.for_each_network(f"""for (int j = 0; j < {tiles}; ++j)
-for (int p = 0; p < {layer.k_pairs(format)}; ++p) {{
+    multiply = fragments.for_each_network(f"""UNROLL for (int j = 0; j < {tiles}; ++j)
+UNROLL for (int p = 0; p < {layer.k_pairs(format)}; ++p) {{
 {load_words(spec, layer)}
-for (int m = 0; m < 2; ++m) for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}) {{
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}) {{
     unsigned mine[4];
-    for (int r = 0; r < 4; ++r) mine[r] = a[m][2 * p + b][r] & keep[2 * m + r % 2];
+    UNROLL for (int r = 0; r < 4; ++r) mine[r] = a[m][2 * p + b][r] & keep[2 * m + r % 2];
     multiply(d[m][j], d[m][j], mine, b ? q.z : q.x, b ? q.w : q.y);
 }} }}
 """)
@@ -177,9 +177,10 @@ unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
 {fragments.read_input(network, layer, scaled=False)}
 {rows if with_bias else ""}
 {kind} d[2][{tiles}][{registers}];
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {tiles}; ++j) {{ {start} }}
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {tiles}; ++j) {{ {start} }}
 {multiply}
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {tiles}; ++j) for (int h = 0; h < 2; ++h) {{ {result} }}
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {tiles}; ++j)
+UNROLL for (int h = 0; h < 2; ++h) {{ {result} }}
 {cuda.write_output(network, layer)}
 return y;
 """
@@ -213,14 +214,14 @@ def tensor_outer_product(spec) -> str:
         value = [f"static_cast<real>({vector}.c[{i}])" if i < n else "0.0f" for i in range(round_up(n, 16))]
         return [[f"pack({value[i]}, {value[i + 1]})" for i in range(u, u + 8, 2)] for u in range(0, len(value), 8)]
 
-    accumulate = f"""for (int nb = 0; nb < {n_blocks}; ++nb) {{
+    accumulate = f"""UNROLL for (int nb = 0; nb < {n_blocks}; ++nb) {{
 unsigned left[2][4];
-for (int m = 0; m < 2; ++m) for (int r = 0; r < 4; ++r)
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int r = 0; r < 4; ++r)
     left[m][r] = transposed(fa[m][nb][r % 2 * 2 + r / 2] & keep[2 * m + r / 2]);
-for (int kb = 0; kb < {k_blocks}; ++kb) for (int s = 0; s < 2; ++s) {{
+UNROLL for (int kb = 0; kb < {k_blocks}; ++kb) UNROLL for (int s = 0; s < 2; ++s) {{
     real dw[4] = {{0.0f, 0.0f, 0.0f, 0.0f}};
-    for (int m = 0; m < 2; ++m) multiply_add(dw, dw, left[m], right[m][kb][2 * s], right[m][kb][2 * s + 1]);
-    for (int r = 0; r < 4; ++r) {{
+    UNROLL for (int m = 0; m < 2; ++m) multiply_add(dw, dw, left[m], right[m][kb][2 * s], right[m][kb][2 * s + 1]);
+    UNROLL for (int r = 0; r < 4; ++r) {{
         const integer row = {row}, column = {column};
         if (row < {spec.rows} && column < {spec.columns}) add(const_cast<real*>(target) + index(row, column), dw[r]);
     }}

@@ -40,7 +40,8 @@ unsigned input[2][{layers[0].k_blocks(spec.format)}][4];
         inputs = "input[m][b][r]" if first == 0 else "map(hidden, z[l - 1][m][b][r])"
         step = f"""{for_each_word(k_blocks, f"h[m][b][r] = transposed({inputs});")}
 real dh[2][{2 * k_blocks}][4];
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {2 * k_blocks}; ++j) for (int r = 0; r < 4; ++r) dh[m][j][r] = 0.0f;
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {2 * k_blocks}; ++j)
+UNROLL for (int r = 0; r < 4; ++r) dh[m][j][r] = 0.0f;
 {fragments.for_each_network(products(spec, layer))}
 """
         if first > 0:
@@ -91,8 +92,9 @@ const unsigned at = (l - {first}) * {stride}u, master = (l - {first}) * {master}
 
 
 def for_each_word(blocks: int, statement: str) -> str:
-    loops = f"for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r)"
-    return f"{loops} {{ {statement} }}\n"
+    return f"""UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int b = 0; b < {blocks}; ++b)
+UNROLL for (int r = 0; r < 4; ++r) {{ {statement} }}
+"""
 
 
 def lambdas(spec: NetworkSpec) -> str:
@@ -121,11 +123,11 @@ def keep_pre_activations(spec: NetworkSpec, layer: LayerLayout) -> str:
     group = fragments.group_of(tiles)
     word = "d[m][j][h]" if spec.accumulation == "float16" else "pack(z_value(m, j, h, 0), z_value(m, j, h, 1))"
     return f"""{for_each_word(round_up(tiles, 2) // 2, "z[l][m][b][r] = 0u;") if tiles % 2 else ""}
-for (int j0 = 0; j0 < {tiles}; j0 += {group}) {{
+UNROLL for (int j0 = 0; j0 < {tiles}; j0 += {group}) {{
 {kind} d[2][{group}][{registers}];
 {fragments.masked_products(spec, layer, group)}
 {fragments.pre_activation(spec, layer)}
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) for (int h = 0; h < 2; ++h)
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {group}; ++j) UNROLL for (int h = 0; h < 2; ++h)
     z[l][m][(j0 + j) / 2][(j0 + j) % 2 * 2 + h] = {word};
 }}
 """
@@ -141,8 +143,8 @@ def read_gradient(spec: NetworkSpec) -> str:
         value = [[f"static_cast<real>(dy.c[{n}]) * scale" if n < n_out else "0.0f" for n in p] for p in pairs]
         units.append([f"pack({low}, {high})" for low, high in value])
     return f"""real largest = 0.0f;
-for (int n = 0; n < {n_out}; ++n) largest = fmaxf(largest, fabsf(static_cast<real>(dy.c[n])));
-for (int bit = 16; bit > 0; bit /= 2) largest = fmaxf(largest, __shfl_xor_sync(0xffffffffu, largest, bit));
+UNROLL for (int n = 0; n < {n_out}; ++n) largest = fmaxf(largest, fabsf(static_cast<real>(dy.c[n])));
+UNROLL for (int bit = 16; bit > 0; bit /= 2) largest = fmaxf(largest, __shfl_xor_sync(0xffffffffu, largest, bit));
 const integer exponent = min(max(static_cast<integer>(__float_as_uint(largest) >> 23), 4), 250);  // largest: 4 to 8
 const real scale = __uint_as_float((256 - exponent) << 23), unscale = __uint_as_float((exponent - 2) << 23);
 {fragments.read_rows(units, "dz")}
@@ -172,34 +174,35 @@ const uint4* weights = reinterpret_cast<const uint4*>(base + at + {layer.weights
 integer nb = 0;
 do {{
 unsigned own_dz[2][4];
-for (int m = 0; m < 2; ++m) for (int r = 0; r < 4; ++r) own_dz[m][r] = dz[m][nb][r] & keep[2 * m + r % 2];
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int r = 0; r < 4; ++r) own_dz[m][r] = dz[m][nb][r] & keep[2 * m + r % 2];
 if (gradient) {{
     unsigned dzt[2][4];
-    for (int m = 0; m < 2; ++m) for (int r = 0; r < 4; ++r) dzt[m][r] = transposed(own_dz[m][r % 2 * 2 + r / 2]);
+    UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int r = 0; r < 4; ++r)
+        dzt[m][r] = transposed(own_dz[m][r % 2 * 2 + r / 2]);
     const integer n = 16 * nb + g;
     real* const dw_row = gradient + master + {layer.master} + n * {layer.k} + 2 * t;
     real* const db = gradient + master + {layer.master + layer.n * layer.k} + n;
     real sum[4] = {{0.0f, 0.0f, 0.0f, 0.0f}};
-    for (int m = 0; m < 2; ++m) multiply_add(sum, sum, dzt[m], ones, ones);
-    for (int s = 0; s < 2; ++s) if (t == 0 && n + 8 * s < {layer.n}) add(db + 8 * s, sum[2 * s] * unscale);
-    for (int b = 0; b < {k_blocks}; ++b) for (int s = 0; s < 2; ++s) {{
+    UNROLL for (int m = 0; m < 2; ++m) multiply_add(sum, sum, dzt[m], ones, ones);
+    UNROLL for (int s = 0; s < 2; ++s) if (t == 0 && n + 8 * s < {layer.n}) add(db + 8 * s, sum[2 * s] * unscale);
+    UNROLL for (int b = 0; b < {k_blocks}; ++b) UNROLL for (int s = 0; s < 2; ++s) {{
         real dw[4] = {{0.0f, 0.0f, 0.0f, 0.0f}};
-        for (int m = 0; m < 2; ++m) multiply_add(dw, dw, dzt[m], h[m][b][2 * s], h[m][b][2 * s + 1]);
+        UNROLL for (int m = 0; m < 2; ++m) multiply_add(dw, dw, dzt[m], h[m][b][2 * s], h[m][b][2 * s + 1]);
         const integer column = 16 * b + 8 * s;
-        for (int half = 0; half < 2; ++half) if (n + 8 * half < {layer.n}) {{
+        UNROLL for (int half = 0; half < 2; ++half) if (n + 8 * half < {layer.n}) {{
             real* const place = dw_row + 8 * half * {layer.k} + column;
             {add_pair}
         }}
     }}
 }}
-for (int p = 0; p < {pairs}; ++p) {{
+UNROLL for (int p = 0; p < {pairs}; ++p) {{
     const uint4 none = make_uint4(0u, 0u, 0u, 0u);
     const uint4 q0 = __ldg(weights + (2 * nb * {pairs} + p) * 32);
     const uint4 q1 = 2 * nb + 1 < {tiles} ? __ldg(weights + ((2 * nb + 1) * {pairs} + p) * 32) : none;
     const unsigned w0[4] = {{q0.x, q0.y, q0.z, q0.w}}, w1[4] = {{q1.x, q1.y, q1.z, q1.w}};
-    for (int s = 0; s < 4; ++s) if (2 * p + s / 2 < {k_blocks}) {{
+    UNROLL for (int s = 0; s < 4; ++s) if (2 * p + s / 2 < {k_blocks}) {{
         const unsigned b0 = transposed(w0[s]), b1 = transposed(w1[s]);
-        for (int m = 0; m < 2; ++m) multiply_add(dh[m][4 * p + s], dh[m][4 * p + s], own_dz[m], b0, b1);
+        UNROLL for (int m = 0; m < 2; ++m) multiply_add(dh[m][4 * p + s], dh[m][4 * p + s], own_dz[m], b0, b1);
     }}
 }}
 }} while (++nb < {n_blocks});

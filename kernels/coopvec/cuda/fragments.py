@@ -25,11 +25,11 @@ def read_rows(units: list[list[str]], target: str) -> str:
     writes = "\n".join(
         f"if (u == {u}) own[{u} % UNITS ^ swizzle] = make_uint4({', '.join(words)});" for u, words in enumerate(units)
     )
-    return f"""for (int c = 0; c < {len(units)}; c += UNITS) {{
-for (int u = c; u < c + UNITS && u < {len(units)}; ++u) {{ {writes} }}
+    return f"""UNROLL for (int c = 0; c < {len(units)}; c += UNITS) {{
+UNROLL for (int u = c; u < c + UNITS && u < {len(units)}; ++u) {{ {writes} }}
 __syncwarp();
-for (int b = c / 2; b < (c + UNITS) / 2 && b < {len(units) // 2}; ++b)
-for (int m = 0; m < 2; ++m) gather(m, b, {target}[m][b]);
+UNROLL for (int b = c / 2; b < (c + UNITS) / 2 && b < {len(units) // 2}; ++b)
+UNROLL for (int m = 0; m < 2; ++m) gather(m, b, {target}[m][b]);
 __syncwarp();
 }}
 """
@@ -39,7 +39,7 @@ def stage_rows(units: int) -> str:
     """The same from memory: row `row` of `x` and those of the other lanes, which follow each other, 16 bytes a lane."""
     return f"""const size_t pitch = x.strides[0];
 const size_t start = __shfl_sync(0xffffffffu, reinterpret_cast<size_t>(x.data) + row * pitch, 0);
-for (int c = 0; c < {units}; c += UNITS) {{
+UNROLL for (int c = 0; c < {units}; c += UNITS) {{
 for (unsigned i = 0; i < UNITS; ++i) {{
     const unsigned r = (32 * i + lane) / UNITS, u = lane % UNITS;
     if (c + u < {units}) asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
@@ -47,8 +47,8 @@ for (unsigned i = 0; i < UNITS; ++i) {{
 }}
 asm volatile("cp.async.wait_all;" ::: "memory");
 __syncwarp();
-for (int b = c / 2; b < (c + UNITS) / 2 && b < {units // 2}; ++b)
-for (int m = 0; m < 2; ++m) gather(m, b, a[m][b]);
+UNROLL for (int b = c / 2; b < (c + UNITS) / 2 && b < {units // 2}; ++b)
+UNROLL for (int m = 0; m < 2; ++m) gather(m, b, a[m][b]);
 __syncwarp();
 }}
 """
@@ -59,14 +59,14 @@ def write_rows(units: int, word: str, stores: list[str]) -> str:
     reads = "\n".join(
         f"if (u == {u}) {{ const uint4 v = own[u % UNITS ^ swizzle]; {text} }}" for u, text in enumerate(stores)
     )
-    return f"""for (int c = 0; c < {units}; c += UNITS) {{
-for (int u = c; u < c + UNITS && u < {units}; ++u) {{
+    return f"""UNROLL for (int c = 0; c < {units}; c += UNITS) {{
+UNROLL for (int u = c; u < c + UNITS && u < {units}; ++u) {{
     unsigned w[4];
-    for (int i = 0; i < 4; ++i) w[i] = {word};
+    UNROLL for (int i = 0; i < 4; ++i) w[i] = {word};
     scatter(u, w);
 }}
 __syncwarp();
-for (int u = c; u < c + UNITS && u < {units}; ++u) {{ {reads} }}
+UNROLL for (int u = c; u < c + UNITS && u < {units}; ++u) {{ {reads} }}
 __syncwarp();
 }}
 """
@@ -114,8 +114,10 @@ c[2 * h] = __uint_as_float(tile % 2 ? v.z : v.x); c[2 * h + 1] = __uint_as_float
 def start_tile(spec: NetworkSpec, layer: LayerLayout) -> str:
     """Set one tile `c`, the value its accumulators start from: the bias of each row's own network."""
     if spec.format is INT8:
-        return "for (int r = 0; r < 4; ++r) c[r] = 0x4b400000;"  # 1.5 * 2^23: read as a float, 12582912 + the sum
-    return f"for (int h = 0; h < 2; ++h) {{ {bias_words(spec, layer, 'j0 + j', 'row[2 * m + h]')} }}"
+        return (
+            "UNROLL for (int r = 0; r < 4; ++r) c[r] = 0x4b400000;"  # 1.5 * 2^23: read as a float, 12582912 + the sum
+        )
+    return f"UNROLL for (int h = 0; h < 2; ++h) {{ {bias_words(spec, layer, 'j0 + j', 'row[2 * m + h]')} }}"
 
 
 def pre_activation(spec: NetworkSpec, layer: LayerLayout) -> str:
@@ -145,7 +147,7 @@ return fmaf(__int_as_float(d[m][j][2 * h + e]) - 12582912.0f, step, c[2 * h + e]
 def load_weights(spec: NetworkSpec, layer: LayerLayout, group: int) -> str:
     """`q[j]`: K blocks 2 p and 2 p + 1 of tiles j0 .. j0 + group - 1 of the network at `base`."""
     return f"""uint4 q[{group}];
-for (int j = 0; j < {group}; ++j)
+UNROLL for (int j = 0; j < {group}; ++j)
     q[j] = __ldg(reinterpret_cast<const uint4*>(base + at + {layer.weights})
         + ((j0 + j) * {layer.k_pairs(spec.format)} + p) * 32 + lane);
 """
@@ -155,16 +157,17 @@ def masked_products(spec: NetworkSpec, layer: LayerLayout, group: int) -> str:
     """`d[m][j]` for `group` tiles from `j0` on, network after network: rows of others are zeroed in the A operand, so
     that each row collects the product with its own matrix, all in the same accumulators."""
     kind, registers = accumulator(spec)
-    return f"""for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) {{
+    return f"""UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {group}; ++j) {{
 {kind} (&c)[{registers}] = d[m][j];
 {start_tile(spec, layer)} }}
-{prefetch(spec, layer, group)}""" + for_each_network(f"""for (int p = 0; p < {layer.k_pairs(spec.format)}; ++p) {{
+{prefetch(spec, layer, group)}""" + for_each_network(f"""
+UNROLL for (int p = 0; p < {layer.k_pairs(spec.format)}; ++p) {{
 {load_weights(spec, layer, group)}
-for (int m = 0; m < 2; ++m) if (use[m])
-for (int b = 0; b < 2; ++b) if (2 * p + b < {layer.k_blocks(spec.format)}) {{
+UNROLL for (int m = 0; m < 2; ++m) if (use[m])
+UNROLL for (int b = 0; b < 2; ++b) if (2 * p + b < {layer.k_blocks(spec.format)}) {{
     unsigned mine[4];
-    for (int r = 0; r < 4; ++r) mine[r] = a[m][2 * p + b][r] & keep[2 * m + r % 2];
-    for (int j = 0; j < {group}; ++j) multiply(d[m][j], d[m][j], mine, b ? q[j].z : q[j].x, b ? q[j].w : q[j].y);
+    UNROLL for (int r = 0; r < 4; ++r) mine[r] = a[m][2 * p + b][r] & keep[2 * m + r % 2];
+    UNROLL for (int j = 0; j < {group}; ++j) multiply(d[m][j], d[m][j], mine, b ? q[j].z : q[j].x, b ? q[j].w : q[j].y);
 }} }}
 """)
 
@@ -186,7 +189,7 @@ const unsigned same = __ballot_sync(0xffffffffu, key == reinterpret_cast<unsigne
 todo &= ~same;
 const bool use[2] = {{(same & 0xffffu) != 0u, same >> 16 != 0u}};
 unsigned keep[4];
-for (int i = 0; i < 4; ++i) keep[i] = 0u - (same >> (8 * i + g) & 1u);
+UNROLL for (int i = 0; i < 4; ++i) keep[i] = 0u - (same >> (8 * i + g) & 1u);
 {body}}}
 """
 
@@ -208,10 +211,13 @@ const unsigned long long key = reinterpret_cast<unsigned long long>(mine);
 ROWS = """const unsigned alike = __match_any_sync(0xffffffffu, key);  // lanes with this lane's network
 const unsigned peers = __popc(alike), rank = __popc(alike & ((1u << lane) - 1u));
 const unsigned* row[4];
-for (int i = 0; i < 4; ++i)
+UNROLL for (int i = 0; i < 4; ++i)
     row[i] = reinterpret_cast<const unsigned*>(__shfl_sync(0xffffffffu, key, 8 * i + static_cast<int>(g)));
 """
 
 
 def unrolled(text: str) -> str:
-    return text.replace("for (int ", "\n#pragma unroll\nfor (int ")
+    """Every `for (int ` unrolled, marked or not."""
+    return (
+        text.replace("UNROLL ", "").replace("#pragma unroll\n", "").replace("for (int ", "\n#pragma unroll\nfor (int ")
+    )

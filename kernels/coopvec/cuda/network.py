@@ -18,11 +18,11 @@ from warp_neural.kernels.coopvec.cuda.fragments import (
     read_input,
     stage_rows,
     start_tile,
-    unrolled,
     write_rows,
 )
 from warp_neural.kernels.coopvec.cuda.primitives import accumulator, packs_halves
 from warp_neural.kernels.coopvec.layout import LayerLayout, bias_joins_relu, network_layout
+from warp_neural.kernels.native import unroll
 from warp_neural.kernels.nn.activations import leaky_relu, linear, relu
 from warp_neural.kernels.nn.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, TF32, NetworkSpec
 
@@ -79,7 +79,7 @@ def adjoint(spec: NetworkSpec) -> str:
 
 def when_whole_warp(spec: NetworkSpec, body: str) -> str:
     """`body` for warps that arrive with all 32 lanes, on architectures that multiply the format."""
-    return unrolled(f"""#if __CUDA_ARCH__ >= {spec.format.min_arch * 10}
+    return unroll(f"""#if __CUDA_ARCH__ >= {spec.format.min_arch * 10}
 if (__activemask() == 0xffffffffu) {{
 {body}}}
 #endif
@@ -124,15 +124,17 @@ next[m][(j0 + j) / 2][(j0 + j) % 2 * 2 + h] = half_add_relu(d[m][j][h], c[h]);""
     declare = "" if is_last else f"unsigned next[2][{blocks}][4];"
     copy = "" if is_last else "a[m][b][r] = next[m][b][r];"
     # wide layers: a loop, with `next` in local memory, rather than minutes of compilation
-    loop = "\n#pragma unroll 1\nfor (auto j0 = 0;" if tiles > 16 else "for (int j0 = 0;"
+    loop = "\n#pragma unroll 1\nfor (auto j0 = 0;" if tiles > 16 else "UNROLL for (int j0 = 0;"
     return f"""{{ {declare}
 {loop} j0 < {tiles}; j0 += {group}) {{
 {kind} d[2][{group}][{registers}];
 {multiply}
 {pre_activation(spec, layer)}
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) for (int h = 0; h < 2; ++h) {{ {finish} }}
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {group}; ++j)
+UNROLL for (int h = 0; h < 2; ++h) {{ {finish} }}
 }}
-for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) for (int r = 0; r < 4; ++r) {{ {copy} }}
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int b = 0; b < {blocks}; ++b)
+UNROLL for (int r = 0; r < 4; ++r) {{ {copy} }}
 }}
 """
 
@@ -141,12 +143,12 @@ def products(spec: NetworkSpec, layer: LayerLayout, group: int, start: str) -> s
     """`d[m][j]` for `group` tiles from `j0` on: one matrix for the whole warp. start: sets `c`, the value before."""
     kind, registers = accumulator(spec)
     blocks = layer.k_blocks(spec.format)
-    return f"""for (int p = 0; p < {layer.k_pairs(spec.format)}; ++p) {{
+    return f"""UNROLL for (int p = 0; p < {layer.k_pairs(spec.format)}; ++p) {{
 {load_weights(spec, layer, group)}
-for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks})
-for (int j = 0; j < {group}; ++j) {{
+UNROLL for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks})
+UNROLL for (int j = 0; j < {group}; ++j) {{
 const unsigned b0 = b ? q[j].z : q[j].x, b1 = b ? q[j].w : q[j].y;
-for (int m = 0; m < 2; ++m) {{
+UNROLL for (int m = 0; m < 2; ++m) {{
     if (p + b == 0) {{
         {kind} c[{registers}];
         {start}
@@ -161,7 +163,7 @@ def to_next(spec: NetworkSpec, layer: LayerLayout) -> str:
     format = spec.format
     in_place = {relu: "half_max({d}, 0u)", leaky_relu: "half_leak({d})", linear: "{d}"}
     if format is TF32:
-        return "for (int e = 0; e < 2; ++e) next[m][j0 + j][2 * e + h] = pack(hidden(z_value(m, j, h, e)));"
+        return "UNROLL for (int e = 0; e < 2; ++e) next[m][j0 + j][2 * e + h] = pack(hidden(z_value(m, j, h, e)));"
     if format.bits == 16:
         word = "pack(hidden(z_value(m, j, h, 0)), hidden(z_value(m, j, h, 1)))"
         if spec.activation is relu:
@@ -186,7 +188,7 @@ def to_output(spec: NetworkSpec) -> str:
         return "o[m][j0 + j][h] = d[m][j][h];"
     if packs_halves(spec):
         return "o[m][j0 + j][h] = half_pack(last(z_value(m, j, h, 0)), last(z_value(m, j, h, 1)));"
-    return "for (int e = 0; e < 2; ++e) o[m][j0 + j][2 * e + h] = __float_as_uint(last(z_value(m, j, h, e)));"
+    return "UNROLL for (int e = 0; e < 2; ++e) o[m][j0 + j][2 * e + h] = __float_as_uint(last(z_value(m, j, h, e)));"
 
 
 def write_output(spec: NetworkSpec, layer: LayerLayout) -> str:

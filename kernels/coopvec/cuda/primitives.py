@@ -74,6 +74,7 @@ auto scatter = [&](int unit, unsigned (&w)[4]) {  // word t of `unit` of rows 8 
     asm volatile("stmatrix.sync.aligned.m8n8.x4.shared.b16 [%0],{%1,%2,%3,%4};"
         :: "r"(address), "r"(w[0]), "r"(w[1]), "r"(w[2]), "r"(w[3]) : "memory");
 #else
+#pragma unroll
     for (int i = 0; i < 4; ++i) {
         const unsigned row = 8 * i + g;
         uint4* place = own + (row - lane) * UNITS + (unit % UNITS ^ swizzled(row));
