@@ -11,6 +11,7 @@ import warp as wp
 from tqdm import tqdm
 
 from warp_neural.errors import InputError
+from warp_neural.kernels.errors import require_whole
 from warp_neural.kernels.nn.losses import Loss, l2
 from warp_neural.kernels.nn.spec import INT8
 from warp_neural.kernels.training.progress import Progress
@@ -152,8 +153,7 @@ class Trainer:
         bar shows the loss and samples a second, unless `quiet` or without a terminal. Raises `InputError` where no
         gradient was finite for 32 steps; they left the parameters as they were.
         """
-        if steps < 0:
-            raise InputError(f"steps={steps}: a run has 0 or more")
+        require_whole("steps", steps, 0)
         end, begin, samples = self.index + steps, time.perf_counter(), 0
         saved = begin
         with tqdm(total=steps, disable=True if quiet else None, file=sys.stderr, unit="step") as bar:
