@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from perf import networks
+from perf import networks, recorded
 from perf.measure import WARM_UP, Bench, Config, check, wall_ms
 from perf.networks import LIMITS, SHAPES, flops, inputs_of, make_net, make_ordered_kernel, make_shade_kernel, truth
 from perf.pictures import axes, line
@@ -25,11 +25,6 @@ from warp_neural.cli import progress, run
 
 KINDS = [("float16", "float16"), ("e4m3", "float16"), ("int8", "float32")]
 BLOCK, STREAMS, LAUNCHES = 64, 32, 8  # threads, streams, launches of each
-# recorded on an H200: the Vulkan driver, float16, TFLOP/s by threads a network
-DRIVER = {
-    "3x64": {1 << 31: 497, 16384: 467, 1024: 467, 256: 450, 64: 406, 32: 230, 16: 120, 8: 61, 4: 33, 1: 8.7},
-    "2x32": {1 << 31: 223, 16384: 223, 1024: 223, 256: 218, 64: 217, 32: 154, 16: 118, 8: 68, 4: 37, 1: 18.5},
-}
 
 
 @dataclass(frozen=True)
@@ -157,7 +152,7 @@ def main(config: Config) -> dict:
         curve.measure()
     measure_sort(bench, 1 << sizes.bits, curves[-1].column)
     if bench.device.is_cuda:
-        for name, values in DRIVER.items():
+        for name, values in recorded.DRIVER_SHARED.items():
             for threads, value in values.items():
                 bench.recorded(f"{threads:,}", f"Vulkan driver, float16 {name}", value, "TFLOP/s")
     return bench.finish(lambda result: draw(result, bench.speed_unit))

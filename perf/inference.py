@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from perf import networks, peers_cuda
+from perf import networks, peers_cuda, recorded
 from perf.measure import Bench, Config, check
 from perf.networks import LIMITS, SHAPES, flops, make_net, make_shade_kernel, random_rows, shape_name, truth
 from perf.peak import measure_cpu, measure_mma, measure_torch
@@ -31,12 +31,6 @@ KINDS = [
     ("int8", "float32"),
     ("float32", "float32"),
 ]
-# recorded on an H200: the Vulkan driver's directed test, TFLOP/s, and tiny-cuda-nn (best layout, JIT), ms of 2^21 rows
-DRIVER = {(2, 32): 223, (3, 32): 313, (2, 64): 434, (3, 64): 497}
-TINY_CUDA_NN = {
-    (2, 32): 0.0806, (3, 32): 0.0848, (2, 64): 0.1604, (3, 64): 0.1983, (3, 16): 0.0459, (3, 128): 0.6223,
-}  # fmt: skip
-
 TILED = (3, 16)  # all its layers have one shape
 
 
@@ -109,7 +103,7 @@ def measure_memory(bench: Bench, shapes: list, n: int) -> None:
         if device.is_cuda and (depth, width) in SHAPES and not config.quick:
             peers_cuda.measure_inference(bench, net, x)
         if device.is_cuda and config.samples == 0:
-            bench.recorded("memory, tiny-cuda-nn", name, TINY_CUDA_NN[depth, width], "ms")
+            bench.recorded("memory, tiny-cuda-nn", name, recorded.TINY_CUDA_NN_INFERENCE[depth, width], "ms")
 
 
 def measure_sizes(bench: Bench, n: int) -> None:
@@ -133,7 +127,7 @@ def main(config: InferenceConfig) -> dict:
     measure_kinds(bench, shapes, n)
     measure_others(bench, corners, n if cuda else max(n // 8, 64))
     if cuda and not config.samples:
-        for shape, value in DRIVER.items():
+        for shape, value in recorded.DRIVER.items():
             bench.recorded("Vulkan driver, float16", shape_name(*shape), value, "TFLOP/s")
     measure_memory(bench, shapes if config.quick else [*shapes, (3, 16), (3, 128)], n // 2)
     if not config.quick:

@@ -6,6 +6,7 @@
 
 from perf.measure import Bench, Config
 from perf.pictures import bars
+from perf.recorded import SLANGPY_MIPMAP
 from warp_neural.cli import progress, run
 from warp_neural.samples.mipmap.classical import toksvig
 from warp_neural.samples.mipmap.learn import Learner, Recipe
@@ -13,7 +14,6 @@ from warp_neural.samples.mipmap.maps import MaterialConfig, pack, source_maps
 from warp_neural.train.optim import Adam
 
 FACTOR = 4
-SLANGPY_MS = {"as the course calls it": 0.203, "in one command buffer": 0.133}
 
 
 def main(config: Config) -> dict:
@@ -32,7 +32,7 @@ def main(config: Config) -> dict:
     }
     for name, launch in progress(parts.items(), config):
         bench.time(name, "time", launch)
-    for name, ms in SLANGPY_MS.items() if cuda else ():
+    for name, ms in SLANGPY_MIPMAP.items() if cuda else ():
         bench.recorded(f"slangpy, {name}", "time", ms, "ms")
     return bench.finish(lambda result: bars(result, "An iteration of the mip maps", "ms"))
 

@@ -63,7 +63,7 @@ def drjit_net(layers: Layers, layout: str, cuda: bool = False):
 
 
 def drjit_evaluator(layers: Layers, x: np.ndarray, cuda: bool = False) -> Callable[[], list]:
-    """The columns of the results, evaluated."""
+    """The columns of the results, evaluated; on CUDA by a frozen function, which is traced once."""
     import drjit as dr
     from drjit import nn
 
@@ -71,8 +71,13 @@ def drjit_evaluator(layers: Layers, x: np.ndarray, cuda: bool = False) -> Callab
     net, columns = drjit_net(layers, "inference", cuda), [array(column) for column in x.T.copy()]
     dr.eval(columns)
 
+    def results(net, columns) -> list:
+        return list(net(nn.CoopVec(columns)))
+
+    call = dr.freeze(results) if cuda else results
+
     def evaluate() -> list:
-        y = list(net(nn.CoopVec(columns)))
+        y = call(net, columns)
         dr.eval(y)
         return y
 
@@ -144,10 +149,11 @@ def torch_step(layers: Layers, octaves: int, n: int, gradient_of: Callable) -> C
 
 
 def mean_square(y: list, targets: list):
-    """Over all of Dr.Jit's columns."""
+    """Over all of Dr.Jit's columns, in float32: the mean of many squares in float16 loses its gradient."""
     import drjit as dr
 
-    return sum(dr.mean(dr.square(a - b)) for a, b in zip(y, targets, strict=True)) / len(y)
+    single = dr.float32_array_t(type(y[0]))
+    return sum(dr.mean(dr.square(single(a) - single(b))) for a, b in zip(y, targets, strict=True)) / len(y)
 
 
 def learning(step: Callable) -> Callable:

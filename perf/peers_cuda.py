@@ -1,7 +1,8 @@
 """The same networks in PyTorch, tinycudann and Dr.Jit on one GPU, in float16; each where it is installed.
 
-Times of calls as a user makes them, a few before the host waits: small batches show what launching costs. PyTorch
-trains in mixed precision, `torch.compile` takes part in one shape; tinycudann has no biases.
+Timed like ours, as CUDA graphs between events, where PyTorch can capture the call; where it cannot, and Dr.Jit, whose
+frozen functions launch recorded kernels, as calls of which a few are under way before the host waits. The table says
+which. PyTorch trains in mixed precision, `torch.compile` takes part in one shape; tinycudann has no biases.
 """
 
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from warp_neural import MLP
 
 COMPILED, COMPILED_STEP = "3x64", "3x64, 262,144"  # by torch.compile, which may take a minute
 CALLS = 8  # in a row
+LOSS_SCALE = 2.0**12  # of Dr.Jit, whose gradients pass through float16; Adam does not mind
 CHECKED, LIMIT = 4096, 1e-2  # rows, and the relative error of what a peer computes
 
 
@@ -67,24 +69,62 @@ def compared(net: MLP, name: str) -> MLP:
     return bare
 
 
-def add(bench: Bench, row: str, column: str, make: Callable[[], Callable[[], Any]]) -> None:
-    """The times of the call that `make` returns after it has checked it. What fails is noted, and stops nothing."""
+def add(bench: Bench, row: str, column: str, make: Callable[[], Callable[[], Any]], times: Callable) -> None:
+    """`times` of the call that `make` returns after it has checked it. What fails is noted, and stops nothing."""
     try:
-        call = make()
-        values = [wall_ms(call, CALLS) for _ in range(WARM_UP + bench.config.rounds)]
+        values, note = times(make(), bench.config.rounds)
     except Exception as error:  # of other libraries, their compilers and drivers
         bench.result.settings[f"{row}, {column} failed"] = str(error).strip().split("\n")[0][:200]
         return
-    bench.add(row, column, np.array(values[WARM_UP:]), "ms")
+    bench.add(row, column, values, "ms", note)
+
+
+def frozen_times(call: Callable[[], Any], rounds: int) -> tuple[np.ndarray, str]:
+    """Milliseconds of a call in each round, [rounds], by the wall clock, and how they were timed."""
+    return np.array([wall_ms(call, CALLS) for _ in range(WARM_UP + rounds)][WARM_UP:]), "(frozen calls)"
+
+
+def graph_times(call: Callable[[], Any], rounds: int) -> tuple[np.ndarray, str]:
+    """The same by events, of a graph of CALLS calls, or of the calls themselves where they cannot be captured."""
+    import torch
+
+    side = torch.cuda.Stream()
+    side.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(side):  # compile and allocate, which a graph cannot
+        for _ in range(WARM_UP):
+            call()
+    torch.cuda.current_stream().wait_stream(side)
+    graph, note = torch.cuda.CUDAGraph(), ""
+
+    def repeat() -> None:
+        for _ in range(CALLS):
+            call()
+
+    replay = graph.replay
+    try:
+        with torch.cuda.graph(graph):
+            repeat()
+    except RuntimeError:
+        replay, note = repeat, "(calls)"
+    events = []
+    for _ in range(WARM_UP + rounds):
+        begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        begin.record()
+        replay()
+        end.record()
+        events.append((begin, end))
+    torch.cuda.synchronize()
+    return np.array([begin.elapsed_time(end) / CALLS for begin, end in events[WARM_UP:]]), note
 
 
 def measure_inference(bench: Bench, net: MLP, x: np.ndarray) -> None:
     """Rows x, float16 [n, n_in], in memory; rows `memory, PEER` of the shape's column."""
     found, column = installed(bench), shape_name(*shape_of(net))
     for name, module in modules(net, "cuda", found, column == COMPILED).items():
-        add(bench, f"memory, {name}", column, lambda: torch_inference(name, net, module, x, "cuda"))  # noqa: B023
+        make = lambda: torch_inference(name, net, module, x, "cuda")  # noqa: B023, E731
+        add(bench, f"memory, {name}", column, make, graph_times)
     if "drjit" in found:
-        add(bench, "memory, Dr.Jit", column, lambda: drjit_inference(net, x))
+        add(bench, "memory, Dr.Jit", column, lambda: drjit_inference(net, x), frozen_times)
 
 
 def torch_inference(name: str, net: MLP, module: Any, x: np.ndarray, device: str) -> Callable[[], Any]:
@@ -112,9 +152,9 @@ def measure_training(bench: Bench, net: MLP, x: np.ndarray, target: np.ndarray) 
     found, row = installed(bench), f"{shape_name(*shape_of(net))}, {len(x):,}"
     for name, module in modules(net, "cuda", found, row == COMPILED_STEP).items():
         make = lambda: torch_training(name, net, module, x, target, "cuda")  # noqa: B023, E731
-        add(bench, f"{row}, {name}", "step", make)
+        add(bench, f"{row}, {name}", "step", make, graph_times)
     if "drjit" in found:
-        add(bench, f"{row}, Dr.Jit", "step", lambda: drjit_training(net, x, target))
+        add(bench, f"{row}, Dr.Jit", "step", lambda: drjit_training(net, x, target), frozen_times)
 
 
 def torch_training(name: str, net: MLP, module: Any, x: np.ndarray, target: np.ndarray, device: str) -> Callable:
@@ -122,7 +162,7 @@ def torch_training(name: str, net: MLP, module: Any, x: np.ndarray, target: np.n
 
     some = len(x) if name == "torch.compile" else min(len(x), CHECKED)  # it compiles again for another size
     inputs, targets = (torch.from_numpy(array).to(device) for array in (x, target))
-    optimizer = torch.optim.Adam(module.parameters(), lr=1e-3, fused=True)
+    optimizer = torch.optim.Adam(module.parameters(), lr=1e-3, fused=True, capturable=device == "cuda")
     scaler = torch.amp.GradScaler(device)
 
     def gradient(n: int) -> None:
@@ -156,13 +196,12 @@ def drjit_training(net: MLP, x: np.ndarray, target: np.ndarray) -> Callable[[], 
     columns, targets = ([Float16(column) for column in array.T.copy()] for array in (x, target))
     optimizer.update(packed)
 
-    def step() -> Any:
+    @dr.freeze
+    def step(packed, optimizer, columns, targets) -> Any:
         packed.update(optimizer)
-        y = list(packed(nn.CoopVec(columns)))
-        loss = mean_square(y, targets)
-        dr.backward(loss)
+        loss = mean_square(list(packed(nn.CoopVec(columns))), targets)
+        dr.backward(LOSS_SCALE * loss)
         optimizer.step()
-        dr.eval(loss)
         return loss
 
-    return learning(step)
+    return learning(lambda: step(packed, optimizer, columns, targets))

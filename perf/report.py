@@ -6,6 +6,7 @@ from pathlib import Path
 from perf.advice import advice
 from perf.goals import ELSEWHERE, GOALS, TESTED, Goal
 from perf.profile import spoken
+from perf.recorded import ORIGINS
 from perf.results import FOLDER, Result, load_all
 from warp_neural.cli import run
 from warp_neural.errors import InputError
@@ -15,6 +16,7 @@ INTRO = """# Measurements
 
 Made by `python -m perf`, gathered by `python -m perf.report`. Medians of the rounds, ± half of what 80 % of them span.
 *Recorded*: measured by others or elsewhere, not in that run. LxN: L hidden layers of N neurons, N inputs, 16 outputs.
+Other libraries run as CUDA graphs, like Warp Neural, or, where they cannot, as the host's *(calls)*, *(frozen calls)*.
 `python -m perf.compare OLD NEW` shows what moved between two folders of results beyond its spread.
 """
 ORDER = (
@@ -34,21 +36,30 @@ class Config:
 
 
 def goals_table(results: dict[str, Result], cuda: bool) -> tuple[str, dict[str, int]]:
-    """Markdown, and how many are met, missed, not measured."""
-    lines = ["| | goal | measured | asked for | |", "|---|---|---:|---:|---|"]
-    counts, reasons = {"met": 0, "missed": 0, "not measured": 0}, {}
-    for goal in GOALS:
-        if goal.cuda != cuda:
-            continue
-        measured, asked, verdict = goal.judge(results)
-        kind = next((kind for kind in ("met", "missed") if f"**{kind}**" in verdict), "not measured")
-        counts[kind] += 1
-        why = reason(goal, results)
-        if kind == "missed" and why:
-            verdict += f" [{reasons.setdefault(why, len(reasons) + 1)}]"
-        lines.append(f"| {goal.part} | {goal.text} | {measured} | {asked} | {verdict} |")
-    lines += ["", *(f"[{number}] {why}" + "  " for why, number in reasons.items())]
+    """Markdown, a table for each thing that goals are about, and how many are met, missed, not measured."""
+    lines, counts, reasons = [], {"met": 0, "missed": 0, "not measured": 0}, {}
+    for about in dict.fromkeys(goal.about for goal in GOALS):
+        lines += [f"#### {about}", "", "| goal | measured | asked for | |", "|---|---:|---:|---|"]
+        for goal in GOALS:
+            if (goal.about, goal.cuda) != (about, cuda):
+                continue
+            measured, asked, verdict = goal.judge(results)
+            kind = next((kind for kind in ("met", "missed") if f"**{kind}**" in verdict), "not measured")
+            counts[kind] += 1
+            why = reason(goal, results)
+            if kind == "missed" and why:
+                verdict += f" [{reasons.setdefault(why, len(reasons) + 1)}]"
+            lines.append(f"| {goal.text} | {measured} | {asked} | {verdict} |")
+        lines.append("")
+    lines += [f"[{number}] {why}  " for why, number in reasons.items()]
     return "\n".join(lines), counts
+
+
+def listed(title: str, goals: dict[str, dict[str, str]]) -> list[str]:
+    lines = [f"## {title}\n"]
+    for about, found in goals.items():
+        lines += [f"{about}:\n", *(f"- {goal}: {text}" for goal, text in found.items()), ""]
+    return lines
 
 
 def reason(goal: Goal, results: dict[str, Result]) -> str:
@@ -91,11 +102,12 @@ def main(config: Config) -> dict:
         metrics |= {f"{folder.name}_{kind.replace(' ', '_')}": count for kind, count in counts.items()}
     if not any_cuda:
         pages.append(f"## H200: not measured yet\n\n### Goals\n\n{goals_table({}, True)[0]}")
-    tested = ["## Goals that tests hold\n", *(f"- {goal}: `{tests}`" for goal, tests in TESTED.items()), ""]
-    tested += ["## Goals measured elsewhere\n", *(f"- {goal}: {found}" for goal, found in ELSEWHERE.items()), ""]
+    tests = {about: {goal: f"`{names}`" for goal, names in goals.items()} for about, goals in TESTED.items()}
+    rest = listed("Goals that tests hold", tests) + listed("Goals measured elsewhere", ELSEWHERE)
+    rest += ["## Where recorded figures come from\n", *(f"- {origin.text()}" for origin in ORIGINS), ""]
     path = config.out or config.results.parent / "RESULTS.md"
     with atomic_path(path) as temporary:
-        temporary.write_text("\n".join([INTRO, *pages, *tested]))
+        temporary.write_text("\n".join([INTRO, *pages, *rest]))
     return metrics | {"page": str(path)}
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from perf import peers_cuda
+from perf import peers_cuda, recorded
 from perf.measure import Bench, Config, check
 from perf.networks import make_net, shape_name, true_gradient
 from perf.pictures import steps
@@ -34,25 +34,6 @@ ENCODINGS = {
     "latent texture": encodings.LatentTexture(64, 64, 8),
     "hash grid": encodings.HashGrid(),
 }
-# recorded on an H200: tiny-cuda-nn (JIT, best layout), ms a step by network and samples
-RECORDED = {
-    "2x32": {1 << 18: 0.0850, 1 << 16: 0.0336},
-    "3x32": {1 << 18: 0.0844, 1 << 16: 0.0347},
-    "2x64": {1 << 18: 0.1320, 1 << 16: 0.0457},
-    "3x64": {1 << 18: 0.1594, 1 << 16: 0.0513},
-    "3x16": {1 << 18: 0.0663, 1 << 16: 0.0286},
-    "3x128": {1 << 18: 0.5253, 1 << 16: 0.1837},  # without JIT
-    "frequency": {1 << 18: 0.0776, 1 << 16: 0.0326},
-    "hash grid": {1 << 18: 0.4125},
-}
-# and others: row, whose it is, ms
-OTHERS = [
-    ("2x32, 262,144", "Dr.Jit", 0.203),
-    ("3x64, 262,144", "Dr.Jit", 0.741),
-    ("3x64, 65,536", "slangpy, 24-64-64-64-3", 0.858),
-    ("course step 2, 4,096", "the course", 8.3),
-    ("course step 4, 4,096", "the course", 10.6),
-]
 COURSE = {"course step 2": step_02_multiple_layers, "course step 4": step_04_frequency_encoding}
 
 
@@ -156,7 +137,7 @@ def measure(bench: Bench, shapes: list, encoded: dict, batches: tuple[int, ...])
             row = f"{shape_name(depth, width)}, {batch:,}"
             measure_parts(bench, row, trainer, batch)
             bench.time(row, "forward", forward)
-            if device.is_cuda and batch in RECORDED["2x32"] and width > 16 and not config.quick:
+            if device.is_cuda and batch in recorded.TINY_CUDA_NN_STEPS["2x32"] and width > 16 and not config.quick:
                 net = make_net(depth, width, seed=config.seed, device="cpu")
                 peers_cuda.measure_training(bench, net, *make_rows(config, width, batch))
     for name, encoding in progress(encoded.items(), config):
@@ -198,11 +179,11 @@ def main(config: TrainingConfig) -> dict:
         measure_texture(bench)
     if cuda and not config.quick:
         measure_course(bench)
-    for name, recorded in RECORDED.items() if cuda else ():
-        for batch, value in recorded.items():
+    for name, times in recorded.TINY_CUDA_NN_STEPS.items() if cuda else ():
+        for batch, value in times.items():
             if batch in batches and bench.result.find(f"{name}, {batch:,}", "step"):
                 bench.recorded(f"{name}, {batch:,}, tiny-cuda-nn", "step", value, "ms")
-    for row, whose, value in OTHERS:
+    for row, whose, value in recorded.OTHER_STEPS:
         if bench.result.find(row, "step"):
             bench.recorded(f"{row}, {whose}", "step", value, "ms")
     return bench.finish(steps)

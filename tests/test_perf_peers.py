@@ -6,6 +6,7 @@ import pytest
 from perf import peers_cuda, training
 from perf.measure import Bench, Config
 from perf.networks import make_net, truth
+from perf.peers import mean_square
 
 
 @pytest.fixture
@@ -26,11 +27,13 @@ def test_what_fails_is_noted(bench):
     def broken():
         raise RuntimeError("no compiler\nand more")
 
-    peers_cuda.add(bench, "memory, torch.compile", "3x64", broken)
+    timed = peers_cuda.frozen_times
+    peers_cuda.add(bench, "memory, torch.compile", "3x64", broken, timed)
     assert bench.result.figures == []
     assert bench.result.settings["memory, torch.compile, 3x64 failed"] == "no compiler"
-    peers_cuda.add(bench, "memory, PyTorch eager", "3x64", lambda: lambda: None)
-    assert bench.result.find("memory, PyTorch eager", "3x64").unit == "ms"
+    peers_cuda.add(bench, "memory, PyTorch eager", "3x64", lambda: lambda: None, timed)
+    figure = bench.result.find("memory, PyTorch eager", "3x64")
+    assert figure.unit == "ms" and figure.text().endswith("(frozen calls)")
 
 
 def test_tinycudann_is_compared_without_biases():
@@ -56,3 +59,14 @@ def test_pytorch():
         peers_cuda.torch_inference("PyTorch eager", net, module, x, "cpu")
     (module,) = peers_cuda.modules(net, "cpu", ["torch"], compiled=False).values()
     assert peers_cuda.torch_inference("PyTorch eager", net, module, x, "cpu")().shape == (256, 16)
+
+
+def test_drjit_keeps_the_gradient_of_a_float16_mean():
+    dr = pytest.importorskip("drjit")
+    llvm = pytest.importorskip("drjit.llvm.ad")
+    y = llvm.Float16(np.full(1 << 16, 0.5, np.float16))
+    dr.enable_grad(y)
+    loss = mean_square([y], [llvm.Float16(0.25)])
+    dr.backward(peers_cuda.LOSS_SCALE * loss)
+    assert loss.numpy()[0] == 0.0625
+    np.testing.assert_allclose(dr.grad(y).numpy(), peers_cuda.LOSS_SCALE * 0.5 / (1 << 16), rtol=1e-3)
