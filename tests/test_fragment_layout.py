@@ -108,6 +108,20 @@ def test_operands_of_tf32():
         np.testing.assert_array_equal(layout.index(8 * tile + G, 8 * (2 * pair + half) + 2 * T + i), index)
 
 
+@pytest.mark.parametrize("format", [TF32, FLOAT16, E4M3], ids=lambda format: format.name)
+def test_operands_by_units(format):
+    """As device text goes through them: 16-byte units of lanes, registers in a unit, elements in a register."""
+    layout = operands(format, 24, 128)
+    (rows, columns), memory = layout.axes, layout.memory
+    element, word = memory.only("e", "upper"), memory.only("register", "half")
+    unit = memory.only("t", "g", "pair", "tile")
+    for e, r, i in np.ndindex(format.per_word, 4, layout.elements // (4 * format.per_word)):
+        digits = element.split(e) | word.split(r) | unit.split(i)
+        assert unit.join(**rows.split(rows.join(**digits)), t=digits["t"], pair=digits["pair"]) == i
+        place = rows.join(**digits), columns.join(**digits)
+        assert layout.index(*place) == (4 * i + r) * format.per_word + e
+
+
 def test_accumulators():
     """PTX ISA, m16n8, c0 to c3: row g, 8 more for i >= 2; column 2 t + i % 2."""
     layout = accumulators(48, 24)
