@@ -13,7 +13,8 @@ ROOMS = """
 kernels.native kernels.errors
 kernels.nn
 kernels.autodiff kernels.coopvec kernels.shading
-kernels.training.progress kernels.training.schedule kernels.training.text
+kernels.training.progress kernels.training.schedule
+kernels.training.text
 kernels.training.taped
 kernels.training.cpu kernels.training.mma kernels.training.hopper64
 kernels.training.hopper128

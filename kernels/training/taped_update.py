@@ -4,48 +4,14 @@ from functools import cache
 
 import warp as wp
 
-from warp_neural.kernels.nn.encodings.base import UNROLL
 from warp_neural.kernels.training.progress import Progress
+from warp_neural.kernels.training.text import paste
 from warp_neural.kernels.training.update import Update, advance, rates_of
 
 GROUP = 4  # parameters that move through memory together, in 16 bytes
 
-# loops of a known length, or the group would lie in memory
-READ = f"""wp::vec_t<{GROUP}, wp::float32> group;
-const wp::float32* const from = values.data + i;
-#if defined(__CUDA_ARCH__)
-if (i + {GROUP} <= values.shape[0]) {{
-    const float4 q = *reinterpret_cast<const float4*>(from);
-    group.c[0] = q.x; group.c[1] = q.y; group.c[2] = q.z; group.c[3] = q.w;
-    return group;
-}}
-#endif{UNROLL}
-for (int c = 0; c < {GROUP}; ++c) if (i + c < values.shape[0]) group.c[c] = from[c];
-return group;
-"""
 
-WRITE = f"""wp::float32* const to = values.data + i;
-#if defined(__CUDA_ARCH__)
-if (i + {GROUP} <= values.shape[0]) {{
-    *reinterpret_cast<float4*>(to) = make_float4(group.c[0], group.c[1], group.c[2], group.c[3]);
-    return;
-}}
-#endif{UNROLL}
-for (int c = 0; c < {GROUP}; ++c) if (i + c < values.shape[0]) to[c] = group.c[c];
-"""
-
-
-SKIP = f"""#if !defined(__CUDA_ARCH__)
-for (; i >= passed && i + {GROUP} <= values.shape[0]; i += step) {{
-    const wp::uint32* const bits = reinterpret_cast<const wp::uint32*>(values.data + i);
-    if (((bits[0] | bits[1] | bits[2] | bits[3]) & 0x7fffffffu) != 0u) break;
-}}
-#endif
-return i;
-"""
-
-
-@wp.func_native(SKIP)
+@wp.func_native(paste(__file__, "skip_zeros.h", GROUP=GROUP))
 def skip_zeros(values: wp.array[float], i: int, step: int, passed: int) -> int:
     """On the CPU, the first of the groups i, i + step, ... that lies before `passed`, is not zero or lies at the end.
 
@@ -54,13 +20,13 @@ def skip_zeros(values: wp.array[float], i: int, step: int, passed: int) -> int:
     ...
 
 
-@wp.func_native(READ)
+@wp.func_native(paste(__file__, "read_group.h", GROUP=GROUP))
 def read_group(values: wp.array[float], i: int) -> wp.vec4:
     """`values[i : i + 4]`, zeros after the last; i is a multiple of 4."""
     ...
 
 
-@wp.func_native(WRITE)
+@wp.func_native(paste(__file__, "write_group.h", GROUP=GROUP))
 def write_group(values: wp.array[float], i: int, group: wp.vec4): ...
 
 

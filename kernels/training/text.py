@@ -1,42 +1,40 @@
-"""CUDA text that the rooms of fused training share. Names as in `kernels.coopvec.cuda.fragments`."""
+"""CUDA text that the rooms of fused training share. Names as in `kernels.coopvec.cuda.fragments`.
 
+Leaves are files in a folder `native` beside the module that pastes them: statements of a function, which use constants
+and names that are there before.
+"""
+
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 from warp_neural.kernels.nn.spec import C_TYPES, FLOAT16, NetworkSpec
+from warp_neural.kernels.training.schedule import Schedule
 
-MEMORY = """
-auto load = [](unsigned address, unsigned (&w)[4]) {
-    asm volatile("ldmatrix.sync.aligned.m8n8.x4.shared.b16 {%0,%1,%2,%3},[%4];"
-        : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
-};
-auto load_transposed = [](unsigned address, unsigned (&w)[4]) {
-    asm volatile("ldmatrix.sync.aligned.m8n8.x4.trans.shared.b16 {%0,%1,%2,%3},[%4];"
-        : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
-};
-auto save = [&](unsigned address, const unsigned (&w)[4]) {
-#if __CUDA_ARCH__ >= 900
-    asm volatile("stmatrix.sync.aligned.m8n8.x4.shared.b16 [%0],{%1,%2,%3,%4};"
-        :: "r"(address), "r"(w[0]), "r"(w[1]), "r"(w[2]), "r"(w[3]) : "memory");
-#else
-    for (int r = 0; r < 4; ++r)
-        asm volatile("st.shared.b32 [%0],%1;" :: "r"(address - lane * 12 + 128 * r), "r"(w[r]) : "memory");
-#endif
-};
-auto save_unit = [](unsigned address, unsigned x, unsigned y, unsigned z, unsigned w) {
-    asm volatile("st.shared.v4.b32 [%0],{%1,%2,%3,%4};" :: "r"(address), "r"(x), "r"(y), "r"(z), "r"(w) : "memory");
-};
-auto load_unit = [](unsigned address, unsigned (&w)[4]) {
-    asm volatile("ld.shared.v4.b32 {%0,%1,%2,%3},[%4];"
-        : "=r"(w[0]), "=r"(w[1]), "=r"(w[2]), "=r"(w[3]) : "r"(address) : "memory");
-};
-auto spread_signs = [](unsigned v) { unsigned r;  // of each half over all its bits
-    asm("prmt.b32 %0,%1,0,0xbb99;" : "=r"(r) : "r"(v)); return r; };
-"""
+
+def paste(module: str, name: str, **constants: int) -> str:
+    """The file `name` behind its constants, whole, so that Warp's hash knows it. module: `__file__` of the caller."""
+    lines = "".join(f"constexpr {type(value).__name__} {key} = {int(value)};\n" for key, value in constants.items())
+    return lines + (Path(module).parent / "native" / name).read_text()
+
+
+def unrolled(text: str) -> str:
+    """With `#pragma unroll` before every loop over an int that has none."""
+    return re.sub(r"(#pragma unroll\s*)?for \(int ", lambda loop: loop[0] if loop[1] else PRAGMA + loop[0], text)
+
+
+PRAGMA, MEMORY = "\n#pragma unroll\n", paste(__file__, "memory.cuh")
 
 
 def ones_of(spec: NetworkSpec) -> str:
     """Two, in one register."""
     return "0x3c003c00u" if spec.format is FLOAT16 else "0x3f803f80u"
+
+
+def finish_names(schedule: Schedule, losses_and_sums: str) -> str:
+    """Names for the end of a launch; a flag unless all of `losses_and_sums`, a C++ expression, is finite."""
+    check = f"if (!({losses_and_sums} == 0.0f)) flags.data[parity] = 1;\n"
+    return paste(__file__, "finish.cuh", BLOCK_SUMS=schedule.block_sums) + check
 
 
 def slopes(spec: NetworkSpec) -> str:

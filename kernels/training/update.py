@@ -8,6 +8,7 @@ from warp_neural.kernels.coopvec.formats import make_encode
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.progress import Progress, batch_of, rate_of
 from warp_neural.kernels.training.schedule import Schedule
+from warp_neural.kernels.training.text import paste
 
 COLUMNS = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
 
@@ -23,40 +24,13 @@ def update_block(schedule: Schedule) -> int:
     return COLUMNS * (1 + adders(schedule))
 
 
-def sum_text(adders: int) -> str:
-    held = 136 // adders + 1  # loads under way: with up to 136 blocks, all
-    return f"""#if defined(__CUDA_ARCH__)
-using real = wp::float32;
-__shared__ real sums[{COLUMNS * adders}];
-const unsigned lane = threadIdx.x % 32u, blocks = partial.shape[0], count = partial.shape[1];
-real total = 0.0f;
-if (threadIdx.x >= 32u) {{
-    for (unsigned from = threadIdx.x / 32u - 1u; from < blocks; from += {adders * held}u) {{
-        real held[{held}];
-#pragma unroll
-        for (unsigned i = 0; i < {held}u; ++i) {{
-            const unsigned b = from + i * {adders}u;
-            held[i] = b < blocks && column < count ? partial.data[b * count + column] : 0.0f;
-        }}
-#pragma unroll
-        for (unsigned i = 0; i < {held}u; ++i) total += held[i];
-    }}
-    sums[threadIdx.x - 32u] = total;
-}}
-__syncthreads();
-if (threadIdx.x < 32u) for (unsigned w = 0; w < {adders}u; ++w) total += sums[w * {COLUMNS} + lane];
-return total;
-#else
-return 0.0f;
-#endif
-"""
-
-
 @cache
 def make_sum_of_column(adders: int) -> wp.Function:
     """`(partial, column) -> sum over the rows`, to the first warp of a block; `adders` more read them."""
 
-    @wp.func_native(sum_text(adders))
+    held = 136 // adders + 1  # loads under way: with up to 136 blocks, all
+
+    @wp.func_native(paste(__file__, "sum_of_column.cuh", COLUMNS=COLUMNS, ADDERS=adders, HELD=held))
     def sum_of_column(partial: wp.array2d[float], column: int) -> float: ...
 
     return sum_of_column

@@ -1,6 +1,5 @@
 """CUDA text of a fused training step for 128 neurons a layer: the upper pass's way back, and the sums of a pass."""
 
-from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.backward import back_word, start
 from warp_neural.kernels.training.hopper64.finish import enter_finish, leave_last, put_last
@@ -8,6 +7,7 @@ from warp_neural.kernels.training.hopper64.forward import wait, wgmma
 from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, READ, enter, keep
 from warp_neural.kernels.training.hopper128.schedule import PANEL, SAMPLES, SLOT, Hopper128Pass, Hopper128Schedule
+from warp_neural.kernels.training.text import unrolled
 
 
 def upper_layers_text(spec: NetworkSpec, schedule: Hopper128Schedule) -> str:
@@ -159,6 +159,6 @@ def finish_text(schedule: Hopper128Pass) -> str:
             row = f"group * 64u + place / 32u * 16u + g + {8 * h}"
             text += f"if (t == 0u) put({layer.bias_first} + {row}, sums.c[{i}]);\n"
         if layer.last:
-            text += f"__syncthreads();\n{leave_last(schedule, 0, biases[0])}__syncthreads();\n{put_last(schedule, 0)}"
+            text += f"__syncthreads();\n{leave_last(schedule, 0, biases[0])}__syncthreads();\n{put_last(schedule)}"
             text += READ if schedule.kept else ""
     return unrolled(enter_finish(schedule, checked) + text)

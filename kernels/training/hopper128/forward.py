@@ -4,7 +4,6 @@ A tile is 64 samples, of which each warp has 16 rows and as many of its lanes th
 """
 
 from warp_neural.kernels.coopvec.cuda import primitives
-from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.forward import (
@@ -25,44 +24,21 @@ from warp_neural.kernels.training.hopper128.schedule import (
     Hopper128Pass,
     Hopper128Schedule,
 )
-from warp_neural.kernels.training.text import MEMORY, slopes
+from warp_neural.kernels.training.text import MEMORY, paste, slopes, unrolled
 
 BLOCKS = WIDTH // 16  # of inputs, in one product
 
 
 def enter(spec: NetworkSpec, schedule: Hopper128Pass) -> str:
     """As `hopper64.forward.enter`; `areas` of both warpgroups."""
-    return f"""{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}
-const unsigned warp = __shfl_sync(0xffffffffu, threadIdx.x >> 5, 0), group = warp >> 2;
-const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + 1023u) & ~1023u;
-const unsigned ones = weights + {schedule.ones}, areas = weights + {schedule.areas};
-const unsigned area = areas + group * {schedule.area};
-const unsigned first = (warp & 3u) * 16, upper = lane >> 4, row = first + (lane & 15u), own = row;
-const unsigned place = row * {ROW} + ((upper ^ (lane & 7u)) << 4);
-auto unit = [&](unsigned slot, int u) {{
-    return area + slot + u / 8 * {PANEL} + own * {ROW} + ((u % 8 ^ (lane & 7u)) << 4); }};
-auto matrices = [&](unsigned slot, int b) {{ return area + slot + b / 4 * {PANEL} + (place ^ (b % 4 << 5)); }};
-"""
+    where = {"ONES": schedule.ones, "AREAS": schedule.areas, "AREA": schedule.area}
+    places = paste(__file__, "places.cuh", ROW=ROW, PANEL=PANEL, **where)
+    return f"{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}{places}"
 
 
 def keep(schedule: Hopper128Schedule) -> str:
-    """A lambda: this warp's rows of a slot, in so many panels, to slot `to` of the tile in memory, under way."""
-    if not schedule.kept:
-        return ""
-    return f"""auto keep = [&](unsigned slot, int panels, unsigned to) {{
-    const size_t tile = start / 64 + blockIdx.x * 2 + group;
-    char* const memory_of = reinterpret_cast<char*>(kept.data) + tile * {schedule.kept * SLOT} + to + first * {ROW};
-    publish();
-    __syncwarp();
-    if (lane == 0) {{
-        const unsigned from = area + slot + first * {ROW};
-        for (int p = 0; p < panels; ++p)
-            asm volatile("cp.async.bulk.global.shared::cta.bulk_group [%0],[%1],{16 * ROW};"
-                :: "l"(memory_of + p * {PANEL}), "r"(from + p * {PANEL}) : "memory");
-        asm volatile("cp.async.bulk.commit_group;" ::: "memory");
-    }}
-    __syncwarp(); }};
-"""
+    """A lambda, after `enter`: rows of a slot to the tile in memory."""
+    return paste(__file__, "keep.cuh", KEPT=schedule.kept * SLOT) if schedule.kept else ""
 
 
 # before a slot is written again of which `keep` took a copy

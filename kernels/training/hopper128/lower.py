@@ -3,7 +3,6 @@
 What the upper pass kept comes from memory while the products of the other slots are under way.
 """
 
-from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.backward import back_word
 from warp_neural.kernels.training.hopper64.forward import wait, wgmma
@@ -16,18 +15,12 @@ from warp_neural.kernels.training.hopper128.backward import (
 )
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, enter
 from warp_neural.kernels.training.hopper128.schedule import PANEL, SLOT, Hopper128LowerSchedule
+from warp_neural.kernels.training.text import paste, unrolled
 
 
 def fetch(schedule: Hopper128LowerSchedule) -> str:
-    """A lambda: from memory to slots `begin` to `end`, under way; of the round `start`, if `inside`."""
-    return f"""auto fetch = [&](int start, bool inside, unsigned begin, unsigned end) {{
-    const size_t tile = start / 64 + blockIdx.x * 2 + group;
-    const char* const memory_of = reinterpret_cast<const char*>(kept.data) + tile * {schedule.kept * SLOT};
-    if (inside)
-        for (unsigned at = begin + (threadIdx.x & 127u) * 16; at < end; at += 128 * 16)
-            asm volatile("cp.async.cg.shared.global [%0],[%1],16;" :: "r"(area + at), "l"(memory_of + at) : "memory");
-    asm volatile("cp.async.commit_group;" ::: "memory"); }};
-"""
+    """A lambda, after `enter`: from memory to slots `begin` to `end`, under way; of the round `start`, if `inside`."""
+    return paste(__file__, "fetch.cuh", KEPT=schedule.kept * SLOT)
 
 
 def fetched(schedule: Hopper128LowerSchedule) -> list[tuple[int, int]]:

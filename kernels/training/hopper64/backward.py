@@ -5,7 +5,6 @@ a copy for the products of the weights' gradient through shared memory. The prod
 while they run, the next samples can be read.
 """
 
-from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.nn.activations import leaky_relu, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.forward import enter, wait, wgmma
@@ -19,7 +18,7 @@ from warp_neural.kernels.training.hopper64.schedule import (
     Hopper64Schedule,
     HopperSchedule,
 )
-from warp_neural.kernels.training.text import take_dx
+from warp_neural.kernels.training.text import paste, take_dx, unrolled
 
 
 def upper_layers_text(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:
@@ -40,33 +39,11 @@ return sum;
 def start(spec: NetworkSpec, last_dz: int, tiles: int, bias_sums: int) -> str:
     """The last layer's dz of each thread's own sample, to shared memory and `tiles` operands of this warp.
 
-    bias_sums: the register for its sum over the warp: lane i has half of that of neuron i / 2.
-    """
+    bias_sums: the register for its sum over the warp."""
     n_out = spec.sizes[-1]
     values = ", ".join(f"dy.c[{n}] * d_last(z.c[{n}])" if n < n_out else "0.0f" for n in range(MAX_OUT))
-    saves = ""
-    for u in range(2):
-        words = ", ".join(f"pack(v[{8 * u + 2 * t}], v[{8 * u + 2 * t + 1}])" for t in range(4))
-        saves += f"save_unit(last + own * {LAST_ROW} + (({u}u ^ (lane >> 2 & 1u)) << 4), {words});\n"
-    halve = "".join(
-        f"""for (int i = 0; i < {count}; ++i) {{
-    const bool high = lane & {2 * count}u;
-    const real kept = high ? v[i + {count}] : v[i], sent = high ? v[i] : v[i + {count}];
-    v[i] = kept + __shfl_xor_sync(0xffffffffu, sent, {2 * count});
-}}
-"""
-        for count in (8, 4, 2, 1)
-    )
-    return f"""{{ real v[{MAX_OUT}] = {{{values}}};
-const unsigned last = area + {last_dz};
-if (lane < {16 * tiles}u) {{
-{saves}}}
-__syncwarp();
-for (int m = 0; m < {tiles}; ++m)
-    load(last + (m * 64 + row) * {LAST_ROW} + ((upper ^ (lane >> 2 & 1u)) << 4), dz[m][0]);
-publish();
-{halve}sum.c[{bias_sums}] += v[0]; }}
-"""
+    text = paste(__file__, "start.cuh", LAST_DZ=last_dz, LAST_ROW=LAST_ROW, TILES=tiles, BIAS_SUMS=bias_sums)
+    return f"{{ real v[{MAX_OUT}] = {{{values}}};\n{text}}}\n"
 
 
 def back_products(schedule: Hopper64Schedule, index: int) -> str:

@@ -1,7 +1,7 @@
 """CUDA text of the end of a fused training step by warpgroups: the sums of a block."""
 
-from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.training.hopper64.schedule import SAMPLES, WIDTH, Hopper64Schedule, HopperSchedule
+from warp_neural.kernels.training.text import finish_names, paste
 
 
 def finish_text(schedule: Hopper64Schedule) -> str:
@@ -24,40 +24,25 @@ def finish_text(schedule: Hopper64Schedule) -> str:
         value = f"total[{base} + place] + total[{base + WIDTH} + place]"
         put += f"if (threadIdx.x < {WIDTH}u) put({layer.bias_first} + place, {value});\n"
         base += 2 * WIDTH
-    return unrolled(f"""{enter_finish(schedule, checked)}__syncthreads();
+    return f"""{enter_finish(schedule, checked)}__syncthreads();
 {leave}{leave_last(schedule, base, final.bias_sums)}__syncthreads();
-{put}{put_last(schedule, base)}""")
+{put}{put_last(schedule)}"""
 
 
 def enter_finish(schedule: HopperSchedule, checked: list[int]) -> str:
     """Names, `put(i, v)` for what a block leaves, and a check of sums that all have to be finite."""
     values = [f"sums.c[{i}] * 0.0f" for i in checked]
     checks = " + ".join(f"({' + '.join(values[i::8] or ['0.0f'])})" for i in range(8))
-    return f"""using real = wp::float32;
-const unsigned lane = threadIdx.x & 31u, g = lane >> 2, t = lane & 3u, warp = threadIdx.x >> 5;
+    return f"""{finish_names(schedule, f"loss * 0.0f + {checks}")}
 const unsigned group = warp >> 2, place = threadIdx.x & 127u;
-real* const total = reinterpret_cast<real*>(memory.data.ptr);
-real* const mine = partial.data + static_cast<size_t>(blockIdx.x) * {schedule.block_sums};
 auto put = [&](unsigned i, real v) {{ mine[i] = add ? mine[i] + v : v; }};
-if (!(loss * 0.0f + {checks} == 0.0f)) flags.data[parity] = 1;
 """
 
 
 def leave_last(schedule: HopperSchedule, base: int, bias_sums: int) -> str:
-    """To shared memory: of each of the last layer's biases, as `start` dealt them, and of losses, two floats a warp."""
-    n_out = schedule.layers[-1].layout.n
-    return f"""real all = loss;
-for (int bit = 16; bit > 1; bit /= 2) all += __shfl_xor_sync(0xffffffffu, all, bit);
-if (lane / 2u < {n_out}u) total[{base} + lane / 2u * 16u + 2u * warp + lane % 2u] = sums.c[{bias_sums}];
-if (lane < 2u) total[{base + 16 * n_out} + 2u * warp + lane] = all;
-"""
+    """To shared memory from `base` on: the last layer's biases and losses."""
+    return paste(__file__, "leave_last.cuh", BASE=base, N=schedule.layers[-1].layout.n, BIAS_SUMS=bias_sums)
 
 
-def put_last(schedule: HopperSchedule, base: int) -> str:
-    final = schedule.layers[-1]
-    return f"""if (threadIdx.x <= {final.layout.n}u) {{
-    all = 0.0f;
-    for (int i = 0; i < 16; ++i) all += total[{base} + threadIdx.x * 16u + i];
-    put(threadIdx.x < {final.layout.n}u ? {final.bias_first} + threadIdx.x : {schedule.floats}u, all);
-}}
-"""
+def put_last(schedule: HopperSchedule) -> str:
+    return paste(__file__, "put_last.cuh", BIAS_FIRST=schedule.layers[-1].bias_first, FLOATS=schedule.floats)

@@ -10,14 +10,13 @@ two tiles of a layer take turns: while one is multiplied, the other's results ar
 from typing import Literal
 
 from warp_neural.kernels.coopvec.cuda import primitives
-from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.coopvec.cuda.primitives import MMA_TYPES
 from warp_neural.kernels.coopvec.fragment_layout import Text, operands
 from warp_neural.kernels.coopvec.layout import LayerLayout, bias_is_half, bias_layout, network_layout
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, round_up
 from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, Hopper64Schedule, HopperSchedule
-from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
+from warp_neural.kernels.training.text import MEMORY, ones_of, paste, slopes, unrolled
 
 
 def wgmma(name: str, spec: NetworkSpec, n: int, a: Literal["registers", "rows", "columns"], transposed: bool) -> str:
@@ -39,32 +38,14 @@ asm volatile("{{.reg .pred p; setp.ne.b32 p, %{b + 1}, 0;\\n"
 """
 
 
-PRODUCTS = """
-typedef unsigned long long Tile;
-// matrix descriptor: 1024 bytes from 8 rows to the next 8, `beyond` from 64 columns to the next; of the last dz 256
-auto tile = [](unsigned address, unsigned beyond) {
-    return static_cast<Tile>(address >> 4 | beyond >> 4 << 16) | static_cast<Tile>(64u | 1u << 30) << 32; };
-auto last_tile = [](unsigned address) {
-    return static_cast<Tile>(address >> 4) | static_cast<Tile>(16u | 3u << 30) << 32; };
-auto begin_products = []() { asm volatile("wgmma.fence.sync.aligned;" ::: "memory"); };
-auto commit = []() { asm volatile("wgmma.commit_group.sync.aligned;" ::: "memory"); };
-auto publish = []() { asm volatile("fence.proxy.async.shared::cta;" ::: "memory"); };  // own stores, to wgmma
-"""
+PRODUCTS = paste(__file__, "products.cuh")
 
 
 def enter(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:
     """Lambdas; addresses of the block's `weights` and of the warpgroup's `area`, and places in its slots."""
-    return f"""{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}
-const unsigned warp = __shfl_sync(0xffffffffu, threadIdx.x >> 5, 0), group = warp >> 2;
-const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + 1023u) & ~1023u;
-const unsigned ones = weights + {schedule.ones}, area = weights + {schedule.areas} + group * {schedule.area};
-const unsigned first = (warp & 3u) * 16, upper = lane >> 4;  // row of this warp in a tile; half of the warp
-const unsigned own = upper * 64 + first + (lane & 15u), row = first + (lane & 15u);  // this lane's sample
-const unsigned place = row * {ROW} + ((upper ^ (lane & 7u)) << 4);
-auto unit = [&](unsigned slot, int u) {{ return area + slot + own * {ROW} + ((u ^ (lane & 7u)) << 4); }};
-auto matrices = [&](unsigned slot, int m, int b) {{ return area + slot + m * {64 * ROW} + (place ^ (b << 5)); }};
-auto together = [&]() {{ asm volatile("bar.sync %0, {SAMPLES};" :: "r"(group + 1u) : "memory"); }};
-"""
+    where = {"ONES": schedule.ones, "AREAS": schedule.areas, "AREA": schedule.area}
+    places = paste(__file__, "places.cuh", ROW=ROW, SAMPLES=SAMPLES, **where)
+    return f"{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}{places}"
 
 
 def wait(pending: int, *registers: str) -> str:

@@ -5,12 +5,11 @@ lies in the areas of all warps; each warp multiplies its own by the weights for 
 by the layer's inputs for its own tasks of the weights' gradient (see `schedule`), which it keeps in registers.
 """
 
-from warp_neural.kernels.coopvec.cuda.fragments import unrolled
 from warp_neural.kernels.nn.activations import SAME_SLOPE, linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.forward import enter
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
-from warp_neural.kernels.training.text import take_dx
+from warp_neural.kernels.training.text import paste, take_dx, unrolled
 
 
 def start(spec: NetworkSpec, schedule: MmaSchedule) -> str:
@@ -40,96 +39,46 @@ def first_layer_text(spec: NetworkSpec, schedule: MmaSchedule, input_gradient: b
 def backward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int, go_on: bool) -> str:
     """Layer `index`, whose dz, of the whole block, lies in the areas after the barrier."""
     text = input_products(spec, schedule, index) if go_on else ""
-    return f"{schedule.barrier}\n{{\n{text}{weight_products(spec, schedule, index)}}}\n"
+    return f"{schedule.barrier}\n{{ {text}}}\n{{ {weight_products(spec, schedule, index)}}}\n"
 
 
 def input_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
     """dh = dz W, times the slope of the layer before: that layer's dz, saved."""
     layer = schedule.layers[index]
-    pairs, tiles, blocks = layer.layout.k_pairs(spec.format), layer.layout.n_pad // 8, layer.k_blocks
-    target = 4 * (schedule.layers[index - 1].dz if index else schedule.dx)
-    word = "pack(dh[m][2 * b + r / 2][r % 2 * 2], dh[m][2 * b + r / 2][r % 2 * 2 + 1])"
-    if index == 0 or spec.activation is linear:
-        word, kept = f"previous[r] = {word};", ""
-    else:
-        kept = f"unsigned kept[4]; load(area + {4 * layer.h} + (m * {blocks} + 2 * p + b) * 512, kept);"
-        if spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
-            word = f"{word} & spread_signs(kept[r] + 0x7fff7fffu)"
-        else:
-            low, high = (
-                f"dh[m][2 * b + r / 2][r % 2 * 2 + {e}] * d_hidden({side}(kept[r]))"
-                for e, side in enumerate(("low", "high"))
-            )
-            word = f"pack({low}, {high})"
-        word = f"previous[r] = {word};"
-    second = f"2 * nb + 1 < {tiles}"
-    return f"""unsigned dz[2][{layer.n_blocks}][4];
-for (int m = 0; m < 2; ++m) for (int b = 0; b < {layer.n_blocks}; ++b)
-    load(area + {4 * layer.dz} + (m * {layer.n_blocks} + b) * 512, dz[m][b]);
-for (int p = 0; p < {pairs}; ++p) {{
-real dh[2][4][4];
-for (int m = 0; m < 2; ++m) for (int j = 0; j < 4; ++j) for (int r = 0; r < 4; ++r) dh[m][j][r] = 0.0f;
-for (int nb = 0; nb < {layer.n_blocks}; ++nb) {{
-    unsigned w0[4], w1[4] = {{0u, 0u, 0u, 0u}};
-    load_transposed(weights + {4 * layer.weights} + (2 * nb * {pairs} + p) * 512, w0);
-    if ({second}) load_transposed(weights + {4 * layer.weights} + ((2 * nb + 1) * {pairs} + p) * 512, w1);
-    for (int j = 0; j < 4; ++j) if (2 * p + j / 2 < {blocks})
-    for (int m = 0; m < 2; ++m) multiply_add(dh[m][j], dh[m][j], dz[m][nb], w0[j], w1[j]);
-}}
-for (int m = 0; m < 2; ++m) for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}) {{
-    unsigned previous[4];
-    {kept}
-    for (int r = 0; r < 4; ++r) {{ {word} }}
-    save(area + {target} + (m * {blocks} + 2 * p + b) * 512, previous);
-}}
-}}
-"""
+    sloped = index > 0 and spec.activation is not linear
+    word = "pack(a, b)"
+    if sloped and spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
+        word += " & spread_signs(kept + 0x7fff7fffu)"
+    elif sloped:
+        word = "pack(a * d_hidden(low(kept)), b * d_hidden(high(kept)))"
+    return f"auto back_word = [&](real a, real b, unsigned kept) {{ return {word}; }};\n" + paste(
+        __file__,
+        "input_products.cuh",
+        N_BLOCKS=layer.n_blocks,
+        K_BLOCKS=layer.k_blocks,
+        PAIRS=layer.layout.k_pairs(spec.format),
+        TILES=layer.layout.n_pad // 8,
+        WEIGHTS=4 * layer.weights,
+        DZ=4 * layer.dz,
+        H=4 * layer.h,
+        TARGET=4 * (schedule.layers[index - 1].dz if index else schedule.dx),
+        SLOPED=sloped,
+    )
 
 
 def weight_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
-    """Add this warp's units of dZ^T H over its split of the block's samples to `sum`, loading one step ahead.
-
-    Warps of different columns start at different samples, so that each adds the biases of others of them.
-    """
+    """dZ^T H of this warp's units."""
     layer = schedule.layers[index]
-    rows, columns, groups = layer.rows, layer.columns, layer.column_groups
-    samples = schedule.warps // layer.splits
-    shared_bias = samples % groups == 0
-    restore = ""
-    if index > 0 and spec.activation not in SAME_SLOPE:
-        restore = (
-            "for (int r = 0; r < 4; ++r) h[now][c][r] = pack(hidden(low(h[now][c][r])), hidden(high(h[now][c][r])));"
-        )
-    one = f"g == {index % 8}" if shared_bias else f"g == {index % 8} && turn == 0"
-    return f"""{"" if layer.tasks * layer.splits == schedule.warps else f"if (warp < {layer.tasks * layer.splits}u)"} {{
-const unsigned task = warp % {layer.tasks}u, split = warp / {layer.tasks}u, turn = task % {groups}u;
-const unsigned one = {one} ? ones : 0u;  // the biases of layer l meet in column l % 8 of one product
-const unsigned dz = areas + {4 * layer.dz} + task / {groups}u * {rows * 512} - lane * 16 + turned;
-const unsigned from = areas + {4 * layer.h} + turn * {columns * 512};
-unsigned d[2][{rows}][4], h[2][{columns}][4];
-auto fetch = [&](int i, unsigned (&d)[{rows}][4], unsigned (&h)[{columns}][4]) {{
-    const unsigned s = (split * {samples} + (i / 2 + turn) % {samples}) * {4 * schedule.area}, m = i % 2;
-    for (int row = 0; row < {rows}; ++row) load_transposed(dz + s + (m * {layer.n_blocks} + row) * 512, d[row]);
-    for (int c = 0; c < {columns}; ++c) load_transposed(from + s + (m * {layer.k_blocks} + c) * 512, h[c]);
-}};
-fetch(0, d[0], h[0]);
-for (int i = 0; i < {2 * samples}; ++i) {{
-    const int now = i % 2;
-    if (i + 1 < {2 * samples}) fetch(i + 1, d[1 - now], h[1 - now]);
-    for (int c = 0; c < {columns}; ++c) {{
-        {restore}
-        for (int row = 0; row < {rows}; ++row) for (int side = 0; side < 2; ++side) {{
-            const int unit = (row * {columns} + c) * 2 + side;
-            real (&dw)[4] = *reinterpret_cast<real (*)[4]>(sum.c + {layer.sums} + unit * 4);
-            multiply_add(dw, dw, d[now][row], h[now][c][2 * side], h[now][c][2 * side + 1]);
-        }}
-    }}
-    if ({f"i / 2 % {groups} == 0" if shared_bias else "true"}) for (int row = 0; row < {rows}; ++row) {{
-        real (&db)[4] = *reinterpret_cast<real (*)[4]>(sum.c + {schedule.bias_sums(index)} + row * 4);
-        multiply_add(db, db, d[now][row], one, one);
-    }}
-}} }}
-"""
+    return paste(
+        __file__,
+        "weight_products.cuh",
+        **schedule.constants(index),
+        WARPS=schedule.warps,
+        DZ=4 * layer.dz,
+        H=4 * layer.h,
+        AREA=4 * schedule.area,
+        PRE_ACTIVATIONS=index > 0 and spec.activation not in SAME_SLOPE,
+    )
 
 
 def input_gradient_text(spec: NetworkSpec, schedule: MmaSchedule, dtype: type) -> str:

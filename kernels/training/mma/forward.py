@@ -10,32 +10,19 @@ The functions share registers (`sums`, which the kernel passes along) and shared
 
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.cuda import primitives
-from warp_neural.kernels.coopvec.cuda.fragments import group_of, pre_activation, start_tile, unrolled
+from warp_neural.kernels.coopvec.cuda.fragments import group_of, pre_activation, start_tile
 from warp_neural.kernels.coopvec.layout import network_layout
 from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
-from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
+from warp_neural.kernels.training.text import MEMORY, ones_of, paste, slopes, unrolled
 
 
 def enter(spec: NetworkSpec, schedule: MmaSchedule) -> str:
-    """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and `place` (of this lane in it)."""
+    """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and others; see `places.cuh`."""
     add = primitives.mma("multiply_add", spec.format, "real")
-    return f"""{primitives.prelude(spec)}{add}{slopes(spec)}{MEMORY}{PLACES}
-const unsigned ones = {ones_of(spec)}, warp = threadIdx.x >> 5;
-const unsigned weights = static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + lane * 16;
-const unsigned areas = weights + {4 * schedule.weights}, area = areas + warp * {4 * schedule.area};
-"""
-
-
-PLACES = """
-const unsigned turned = (lane >> 4) * 128 + (lane >> 3 & 1u) * 256 + (lane & 7u) * 16;  // matrices 0, 2, 1, 3
-// this lane's own row: unit u holds its columns 8 u .. 8 u + 7
-auto own_unit = [&](unsigned slot, int blocks, int u) {
-    const unsigned matrix = ((lane >> 4) * blocks + u / 2) * 4 + u % 2 * 2 + (lane >> 3 & 1u);
-    return slot + matrix * 128 + (lane & 7u) * 16 - lane * 16;
-};
-"""
+    names = f"{primitives.prelude(spec)}{add}{slopes(spec)}{MEMORY}const unsigned ones = {ones_of(spec)};\n"
+    return names + paste(__file__, "places.cuh", WEIGHTS=4 * schedule.weights, AREA=4 * schedule.area)
 
 
 def begin_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:

@@ -108,6 +108,22 @@ class MmaSchedule(Schedule):
         rows = max(layer.rows for layer in self.layers)
         return self.sums - 4 * rows * (-(-len(self.layers) // 8) - index // 8)
 
+    def constants(self, index: int) -> dict[str, int]:
+        """Of native text: how the gradient of layer `index` is dealt to warps and registers."""
+        layer = self.layers[index]
+        return {
+            "TASKS": layer.tasks,
+            "SPLITS": layer.splits,
+            "ROWS": layer.rows,
+            "COLUMNS": layer.columns,
+            "GROUPS": layer.column_groups,
+            "N_BLOCKS": layer.n_blocks,
+            "K_BLOCKS": layer.k_blocks,
+            "SUMS": layer.sums,
+            "BIAS_SUMS": self.bias_sums(index),
+            "COLUMN": index % 8,  # of one product, in which the biases of a layer meet
+        }
+
     @property
     def barrier(self) -> str:
         """Before a warp reads what others wrote; where every warp takes all units, each reads only its own."""
