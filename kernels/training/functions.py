@@ -5,13 +5,14 @@ from typing import Any
 
 import warp as wp
 
+from warp_neural.kernels.native import unroll
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.rooms import room_of
 from warp_neural.kernels.training.schedule import LowerTexts, Schedule, Texts
 
 
 def cuda_only(text: str, otherwise: str = "") -> str:
-    return f"#if defined(__CUDA_ARCH__)\n{text}\n#else\n{otherwise}\n#endif\n"
+    return f"#if defined(__CUDA_ARCH__)\n{unroll(text)}\n#else\n{otherwise}\n#endif\n"
 
 
 @cache

@@ -1,17 +1,20 @@
 """The optimizer kernel for gradients in one array: of every parameter, or of those that the fused one leaves."""
 
 from functools import cache
+from pathlib import Path
 
 import warp as wp
 
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.training.progress import Progress
-from warp_neural.kernels.training.text import paste
 from warp_neural.kernels.training.update import Update, advance, rates_of
+
+NATIVE = Path(__file__).parent / "native"
 
 GROUP = 4  # parameters that move through memory together, in 16 bytes
 
 
-@wp.func_native(paste(__file__, "skip_zeros.h", GROUP=GROUP))
+@wp.func_native(paste(NATIVE / "skip_zeros.h", GROUP=GROUP))
 def skip_zeros(values: wp.array[float], i: int, step: int, passed: int) -> int:
     """On the CPU, the first of the groups i, i + step, ... that lies before `passed`, is not zero or lies at the end.
 
@@ -20,13 +23,13 @@ def skip_zeros(values: wp.array[float], i: int, step: int, passed: int) -> int:
     ...
 
 
-@wp.func_native(paste(__file__, "read_group.h", GROUP=GROUP))
+@wp.func_native(paste(NATIVE / "read_group.h", GROUP=GROUP))
 def read_group(values: wp.array[float], i: int) -> wp.vec4:
     """`values[i : i + 4]`, zeros after the last; i is a multiple of 4."""
     ...
 
 
-@wp.func_native(paste(__file__, "write_group.h", GROUP=GROUP))
+@wp.func_native(paste(NATIVE / "write_group.h", GROUP=GROUP))
 def write_group(values: wp.array[float], i: int, group: wp.vec4): ...
 
 

@@ -1,29 +1,14 @@
-"""CUDA text that the rooms of fused training share. Names as in `kernels.coopvec.cuda.fragments`.
+"""CUDA text that the rooms of fused training share. Names as in `kernels.coopvec.cuda.fragments`."""
 
-Leaves are files in a folder `native` beside the module that pastes them: statements of a function, which use constants
-and names that are there before.
-"""
-
-import re
 from collections.abc import Callable
 from pathlib import Path
 
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import C_TYPES, FLOAT16, NetworkSpec
 from warp_neural.kernels.training.schedule import Schedule
 
-
-def paste(module: str, name: str, **constants: int) -> str:
-    """The file `name` behind its constants, whole, so that Warp's hash knows it. module: `__file__` of the caller."""
-    lines = "".join(f"constexpr {type(value).__name__} {key} = {int(value)};\n" for key, value in constants.items())
-    return lines + (Path(module).parent / "native" / name).read_text()
-
-
-def unrolled(text: str) -> str:
-    """With `#pragma unroll` before every loop over an int that has none."""
-    return re.sub(r"(#pragma unroll\s*)?for \(int ", lambda loop: loop[0] if loop[1] else PRAGMA + loop[0], text)
-
-
-PRAGMA, MEMORY = "\n#pragma unroll\n", paste(__file__, "memory.cuh")
+NATIVE = Path(__file__).parent / "native"
+MEMORY = paste(NATIVE / "memory.cuh")
 
 
 def ones_of(spec: NetworkSpec) -> str:
@@ -34,7 +19,7 @@ def ones_of(spec: NetworkSpec) -> str:
 def finish_names(schedule: Schedule, losses_and_sums: str) -> str:
     """Names for the end of a launch; a flag unless all of `losses_and_sums`, a C++ expression, is finite."""
     check = f"if (!({losses_and_sums} == 0.0f)) flags.data[parity] = 1;\n"
-    return paste(__file__, "finish.cuh", BLOCK_SUMS=schedule.block_sums) + check
+    return paste(NATIVE / "finish.cuh", BLOCK_SUMS=schedule.block_sums) + check
 
 
 def slopes(spec: NetworkSpec) -> str:

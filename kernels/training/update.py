@@ -1,14 +1,17 @@
 """The optimizer kernel of a fused step: the sums of its blocks, added up and scaled back, to new parameters."""
 
 from functools import cache
+from pathlib import Path
 
 import warp as wp
 
 from warp_neural.kernels.coopvec.formats import make_encode
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.progress import Progress, batch_of, rate_of
 from warp_neural.kernels.training.schedule import Schedule
-from warp_neural.kernels.training.text import paste
+
+NATIVE = Path(__file__).parent / "native"
 
 COLUMNS = 32  # parameters of one block: as many lanes of each warp read one block's gradients, side by side
 
@@ -30,7 +33,7 @@ def make_sum_of_column(adders: int) -> wp.Function:
 
     held = 136 // adders + 1  # loads under way: with up to 136 blocks, all
 
-    @wp.func_native(paste(__file__, "sum_of_column.cuh", COLUMNS=COLUMNS, ADDERS=adders, HELD=held))
+    @wp.func_native(paste(NATIVE / "sum_of_column.cuh", COLUMNS=COLUMNS, ADDERS=adders, HELD=held))
     def sum_of_column(partial: wp.array2d[float], column: int) -> float: ...
 
     return sum_of_column

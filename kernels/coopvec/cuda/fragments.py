@@ -214,10 +214,3 @@ const unsigned* row[4];
 UNROLL for (int i = 0; i < 4; ++i)
     row[i] = reinterpret_cast<const unsigned*>(__shfl_sync(0xffffffffu, key, 8 * i + static_cast<int>(g)));
 """
-
-
-def unrolled(text: str) -> str:
-    """Every `for (int ` unrolled, marked or not."""
-    return (
-        text.replace("UNROLL ", "").replace("#pragma unroll\n", "").replace("for (int ", "\n#pragma unroll\nfor (int ")
-    )

@@ -7,7 +7,6 @@ from warp_neural.kernels.training.hopper64.forward import wait, wgmma
 from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, READ, enter, keep
 from warp_neural.kernels.training.hopper128.schedule import PANEL, SAMPLES, SLOT, Hopper128Pass, Hopper128Schedule
-from warp_neural.kernels.training.text import unrolled
 
 
 def upper_layers_text(spec: NetworkSpec, schedule: Hopper128Schedule) -> str:
@@ -22,7 +21,7 @@ def upper_layers_text(spec: NetworkSpec, schedule: Hopper128Schedule) -> str:
         below = f"""{back_products(schedule, low)}{words}{wait(0, "sum.c")}__syncthreads();
 {save_next(slot)}keep({slot}, {SLOT // PANEL}, 0);
 """
-    return unrolled(f"""{enter(spec, schedule)}{keep(schedule)}{wgmma("multiply_back", spec, 64, "registers", True)}
+    return f"""{enter(spec, schedule)}{keep(schedule)}{wgmma("multiply_back", spec, 64, "registers", True)}
 {weight_multiply(spec, schedule, last)}
 auto sum = sums;
 unsigned dz[1][{BLOCKS}][4], next[{BLOCKS}][4];
@@ -32,18 +31,18 @@ real dh[2][32];
 begin_products();
 {weight_products(schedule, last)}commit();
 {back_words(spec, schedule.h(last), 1)}{save_next(schedule.dz(low))}
-for (int b = 0; b < {BLOCKS}; ++b) for (int r = 0; r < 4; ++r) dz[0][b][r] = next[b][r];
+UNROLL for (int b = 0; b < {BLOCKS}; ++b) UNROLL for (int r = 0; r < 4; ++r) dz[0][b][r] = next[b][r];
 {below}{wait(0, "sum.c")}publish();
 return sum;
-""")
+"""
 
 
 def back_products(schedule: Hopper128Schedule, index: int) -> str:
     """dh = dz W of layer `index`, under way, half by half."""
     layer = schedule.layers[index]
     return f"""begin_products();
-for (int half = 0; half < 2; ++half) {{
-    for (int b = 0; b < {1 if layer.last else BLOCKS}; ++b)
+UNROLL for (int half = 0; half < 2; ++half) {{
+    UNROLL for (int b = 0; b < {1 if layer.last else BLOCKS}; ++b)
         multiply_back(dh[half], dz[0][b], {back_tile(schedule, index)}, b);
     commit();
 }}
@@ -59,17 +58,17 @@ def back_tile(schedule: Hopper128Pass, index: int) -> str:
 def back_words(spec: NetworkSpec, h: int, pending: int) -> str:
     """`next`: dh, of which two groups are under way and `pending` after them, times the slopes at what is in slot h."""
     word = back_word(spec, "dh[half][8 * i + 2 * r", "was[i][r]")
-    return f"""for (int half = 0; half < 2; ++half) {{
+    return f"""UNROLL for (int half = 0; half < 2; ++half) {{
 unsigned was[4][4];
-for (int i = 0; i < 4; ++i) load(matrices({h}, 4 * half + i), was[i]);
+UNROLL for (int i = 0; i < 4; ++i) load(matrices({h}, 4 * half + i), was[i]);
 if (half == 0) {{ {wait(1 + pending, "dh[0]")} }} else {{ {wait(pending, "dh[1]")} }}
-for (int i = 0; i < 4; ++i) for (int r = 0; r < 4; ++r) next[4 * half + i][r] = {word};
+UNROLL for (int i = 0; i < 4; ++i) UNROLL for (int r = 0; r < 4; ++r) next[4 * half + i][r] = {word};
 }}
 """
 
 
 def save_next(slot: int) -> str:
-    return f"for (int b = 0; b < {BLOCKS}; ++b) save(matrices({slot}, b), next[b]);\n"
+    return f"UNROLL for (int b = 0; b < {BLOCKS}; ++b) save(matrices({slot}, b), next[b]);\n"
 
 
 def weight_multiply(spec: NetworkSpec, schedule: Hopper128Pass, index: int) -> str:
@@ -89,7 +88,8 @@ def weight_products(schedule: Hopper128Pass, index: int) -> str:
     dw = f"(*reinterpret_cast<real (*)[{layer.registers}]>(sum.c + {sums}))"
     db = f"(*reinterpret_cast<real (*)[4]>(sum.c + {sums + layer.registers}))"
     bias = "" if layer.last else f"multiply_ones_{index}({db}, {a}, tile(ones, 0u), 1);"
-    return f"""for (int source = 0; source < {GROUPS}; ++source) for (int s = 0; s < {SAMPLES // 16}; ++s) {{
+    return f"""UNROLL for (int source = 0; source < {GROUPS}; ++source)
+UNROLL for (int s = 0; s < {SAMPLES // 16}; ++s) {{
     const unsigned from = areas + source * {schedule.area};
     multiply_{index}({dw}, {a}, {b}, 1);
     {bias}
@@ -99,13 +99,13 @@ def weight_products(schedule: Hopper128Pass, index: int) -> str:
 
 def begin_first_layer_text(spec: NetworkSpec, schedule: Hopper128Schedule) -> str:
     """As `hopper64.backward.begin_first_layer_text`, of layer `low`."""
-    return unrolled(f"""{enter(spec, schedule)}{weight_multiply(spec, schedule, schedule.low)}
+    return f"""{enter(spec, schedule)}{weight_multiply(spec, schedule, schedule.low)}
 auto sum = sums;
 __syncthreads();
 begin_products();
 {weight_products(schedule, schedule.low)}commit();
 return sum;
-""")
+"""
 
 
 def first_layer_text(spec: NetworkSpec, schedule: Hopper128Schedule, input_gradient: bool) -> str:
@@ -116,18 +116,18 @@ def first_layer_text(spec: NetworkSpec, schedule: Hopper128Schedule, input_gradi
         lambdas = wgmma("multiply_back", spec, k_pad, "registers", True)
         before = f"""unsigned dz[{BLOCKS}][4];
 real dh[{k_pad // 2}];
-for (int b = 0; b < {BLOCKS}; ++b) load(matrices({schedule.dz(0)}, b), dz[b]);
+UNROLL for (int b = 0; b < {BLOCKS}; ++b) load(matrices({schedule.dz(0)}, b), dz[b]);
 begin_products();
-for (int b = 0; b < {BLOCKS}; ++b) multiply_back(dh, dz[b], {input_tile(schedule)}, b);
+UNROLL for (int b = 0; b < {BLOCKS}; ++b) multiply_back(dh, dz[b], {input_tile(schedule)}, b);
 commit();
 """
         after = save_dx(schedule)
     ready = ("sum.c", "dh") if input_gradient else ("sum.c",)
-    return unrolled(f"""{enter(spec, schedule)}{lambdas}
+    return f"""{enter(spec, schedule)}{lambdas}
 auto sum = sums;
 {before}{wait(0, *ready)}__syncthreads();
 {after}return sum;
-""")
+"""
 
 
 def input_tile(schedule: Hopper128Pass) -> str:
@@ -138,9 +138,9 @@ def input_tile(schedule: Hopper128Pass) -> str:
 
 def save_dx(schedule: Hopper128Pass) -> str:
     """`dh`, the gradient to the inputs, to their slot."""
-    return f"""for (int b = 0; b < {schedule.layers[0].layout.k_pad // 16}; ++b) {{
+    return f"""UNROLL for (int b = 0; b < {schedule.layers[0].layout.k_pad // 16}; ++b) {{
     unsigned w[4];
-    for (int r = 0; r < 4; ++r) w[r] = pack(dh[8 * b + 2 * r], dh[8 * b + 2 * r + 1]);
+    UNROLL for (int r = 0; r < 4; ++r) w[r] = pack(dh[8 * b + 2 * r], dh[8 * b + 2 * r + 1]);
     save(matrices({schedule.dx}, b), w);
 }}
 """
@@ -161,4 +161,4 @@ def finish_text(schedule: Hopper128Pass) -> str:
         if layer.last:
             text += f"__syncthreads();\n{leave_last(schedule, 0, biases[0])}__syncthreads();\n{put_last(schedule)}"
             text += READ if schedule.kept else ""
-    return unrolled(enter_finish(schedule, checked) + text)
+    return enter_finish(schedule, checked) + text

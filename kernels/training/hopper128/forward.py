@@ -3,7 +3,10 @@
 A tile is 64 samples, of which each warp has 16 rows and as many of its lanes their own.
 """
 
+from pathlib import Path
+
 from warp_neural.kernels.coopvec.cuda import primitives
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.forward import (
@@ -24,7 +27,9 @@ from warp_neural.kernels.training.hopper128.schedule import (
     Hopper128Pass,
     Hopper128Schedule,
 )
-from warp_neural.kernels.training.text import MEMORY, paste, slopes, unrolled
+from warp_neural.kernels.training.text import MEMORY, slopes
+
+NATIVE = Path(__file__).parent / "native"
 
 BLOCKS = WIDTH // 16  # of inputs, in one product
 
@@ -32,13 +37,13 @@ BLOCKS = WIDTH // 16  # of inputs, in one product
 def enter(spec: NetworkSpec, schedule: Hopper128Pass) -> str:
     """As `hopper64.forward.enter`; `areas` of both warpgroups."""
     where = {"ONES": schedule.ones, "AREAS": schedule.areas, "AREA": schedule.area}
-    places = paste(__file__, "places.cuh", ROW=ROW, PANEL=PANEL, **where)
+    places = paste(NATIVE / "places.cuh", ROW=ROW, PANEL=PANEL, **where)
     return f"{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}{places}"
 
 
 def keep(schedule: Hopper128Schedule) -> str:
     """A lambda, after `enter`: rows of a slot to the tile in memory."""
-    return paste(__file__, "keep.cuh", KEPT=schedule.kept * SLOT) if schedule.kept else ""
+    return paste(NATIVE / "keep.cuh", KEPT=schedule.kept * SLOT) if schedule.kept else ""
 
 
 # before a slot is written again of which `keep` took a copy
@@ -51,22 +56,22 @@ def forward_text(spec: NetworkSpec, schedule: Hopper128Schedule, halves: bool) -
     layers = "".join(forward_layer(spec, schedule, index) for index in range(depth))
     multiply = wgmma("multiply_hidden", spec, 64, "registers", False)
     multiply += wgmma("multiply_last", spec, final.n_pad, "registers", False)
-    return unrolled(f"""{enter(spec, schedule)}{keep(schedule)}{multiply}{read_biases(schedule, WIDTH)}
+    return f"""{enter(spec, schedule)}{keep(schedule)}{multiply}{read_biases(schedule, WIDTH)}
 if (lane < 16u) {{
 {save_inputs(spec, schedule, halves)}}}
 __syncwarp();
 unsigned a[{BLOCKS}][4];
-for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, b), a[b]);
+UNROLL for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, b), a[b]);
 {keep_input(schedule, 0, 0)}{layers}
 real z[{final.n_pad // 2}];
 begin_products();
-for (int b = 0; b < {BLOCKS}; ++b) {{
+UNROLL for (int b = 0; b < {BLOCKS}; ++b) {{
     const int half = 0;
     multiply_last(z, a[b], {weight_tile(schedule.layers[-1])}, b);
 }}
 commit();
 {wait(0, "z")}
-{save_results(schedule, "z", "")}{read_results(schedule)}""")
+{save_results(schedule, "z", "")}{read_results(schedule)}"""
 
 
 def keep_input(schedule: Hopper128Schedule, index: int, slot: int) -> str:
@@ -89,21 +94,21 @@ def forward_layer(spec: NetworkSpec, schedule: Hopper128Schedule, index: int) ->
     slot = schedule.spare if index + 1 < schedule.low else schedule.h(index + 1)
     return f"""{{ real d[2][32];
 begin_products();
-for (int half = 0; half < 2; ++half) {{
-    for (int b = 0; b < {layer.layout.k_pad // 16}; ++b)
+UNROLL for (int half = 0; half < 2; ++half) {{
+    UNROLL for (int b = 0; b < {layer.layout.k_pad // 16}; ++b)
         multiply_hidden(d[half], a[b], {weight_tile(layer)}, b);
     commit();
 }}
 unsigned next[{BLOCKS}][4];
-for (int half = 0; half < 2; ++half) {{
+UNROLL for (int half = 0; half < 2; ++half) {{
 float2 biases[8];
-for (int j = 0; j < 8; ++j) biases[j] = read_biases({index}, 8 * half + j);
+UNROLL for (int j = 0; j < 8; ++j) biases[j] = read_biases({index}, 8 * half + j);
 if (half == 0) {{ {wait(1, "d[0]")} }} else {{ {wait(0, "d[1]")} }}
-for (int j = 0; j < 8; ++j) for (int h = 0; h < 2; ++h)
+UNROLL for (int j = 0; j < 8; ++j) UNROLL for (int h = 0; h < 2; ++h)
     next[4 * half + j / 2][j % 2 * 2 + h] = {word.format(*values)};
 }}
-{READ if schedule.kept and index + 1 == schedule.low else ""}for (int b = 0; b < {BLOCKS}; ++b) {{
-    for (int r = 0; r < 4; ++r) a[b][r] = next[b][r];
+{READ if schedule.kept and index + 1 == schedule.low else ""}UNROLL for (int b = 0; b < {BLOCKS}; ++b) {{
+    UNROLL for (int r = 0; r < 4; ++r) a[b][r] = next[b][r];
     save(matrices({slot}, b), a[b]);
 }}
 }}

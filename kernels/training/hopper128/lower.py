@@ -3,6 +3,9 @@
 What the upper pass kept comes from memory while the products of the other slots are under way.
 """
 
+from pathlib import Path
+
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.backward import back_word
 from warp_neural.kernels.training.hopper64.forward import wait, wgmma
@@ -15,12 +18,13 @@ from warp_neural.kernels.training.hopper128.backward import (
 )
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, enter
 from warp_neural.kernels.training.hopper128.schedule import PANEL, SLOT, Hopper128LowerSchedule
-from warp_neural.kernels.training.text import paste, unrolled
+
+NATIVE = Path(__file__).parent / "native"
 
 
 def fetch(schedule: Hopper128LowerSchedule) -> str:
     """A lambda, after `enter`: from memory to slots `begin` to `end`, under way; of the round `start`, if `inside`."""
-    return paste(__file__, "fetch.cuh", KEPT=schedule.kept * SLOT)
+    return paste(NATIVE / "fetch.cuh", KEPT=schedule.kept * SLOT)
 
 
 def fetched(schedule: Hopper128LowerSchedule) -> list[tuple[int, int]]:
@@ -37,7 +41,7 @@ def arrived(pending: int) -> str:
 def fetch_text(spec: NetworkSpec, schedule: Hopper128LowerSchedule) -> str:
     """`(memory, kept)`: the first tile, under way."""
     fetches = "".join(f"fetch(0, true, {begin}u, {end}u);\n" for begin, end in fetched(schedule))
-    return unrolled(enter(spec, schedule) + fetch(schedule) + fetches)
+    return enter(spec, schedule) + fetch(schedule) + fetches
 
 
 def lower_layers_text(spec: NetworkSpec, schedule: Hopper128LowerSchedule, input_gradient: bool) -> str:
@@ -54,16 +58,16 @@ def lower_layers_text(spec: NetworkSpec, schedule: Hopper128LowerSchedule, input
         k_pad = schedule.layers[0].layout.k_pad
         lambdas += wgmma("multiply_input", spec, k_pad, "rows", True)
         dx = f"""real dh[{k_pad // 2}];
-for (int b = 0; b < {BLOCKS}; ++b) multiply_input(dh, {dz_tile(schedule, 0)}, {input_tile(schedule)}, b);
+UNROLL for (int b = 0; b < {BLOCKS}; ++b) multiply_input(dh, {dz_tile(schedule, 0)}, {input_tile(schedule)}, b);
 """
         ready, after = ["sum.c", "dh"], after + save_dx(schedule)
-    return unrolled(f"""{enter(spec, schedule)}{fetch(schedule)}{lambdas}
+    return f"""{enter(spec, schedule)}{fetch(schedule)}{lambdas}
 auto sum = sums;
 {before}begin_products();
 {dx}{weight_products(schedule, 0)}commit();
 {wait(0, *ready)}__syncthreads();
 {after}return sum;
-""")
+"""
 
 
 def back_layer(spec: NetworkSpec, schedule: Hopper128LowerSchedule, index: int) -> str:
@@ -71,18 +75,18 @@ def back_layer(spec: NetworkSpec, schedule: Hopper128LowerSchedule, index: int) 
     word = back_word(spec, "dh[half][8 * i + 2 * r", "was[i][r]")
     return f"""{{ real dh[2][32];
 begin_products();
-for (int half = 0; half < 2; ++half) {{
-    for (int b = 0; b < {BLOCKS}; ++b)
+UNROLL for (int half = 0; half < 2; ++half) {{
+    UNROLL for (int b = 0; b < {BLOCKS}; ++b)
         multiply_back(dh[half], {dz_tile(schedule, index)}, {back_tile(schedule, index)}, b);
     commit();
 }}
 {weight_products(schedule, index)}commit();
-for (int half = 0; half < 2; ++half) {{
+UNROLL for (int half = 0; half < 2; ++half) {{
 unsigned was[4][4], w[4];
-for (int i = 0; i < 4; ++i) load(matrices({schedule.h(index)}, 4 * half + i), was[i]);
+UNROLL for (int i = 0; i < 4; ++i) load(matrices({schedule.h(index)}, 4 * half + i), was[i]);
 if (half == 0) {{ {wait(2, "dh[0]")} }} else {{ {wait(1, "dh[1]")} }}
-for (int i = 0; i < 4; ++i) {{
-    for (int r = 0; r < 4; ++r) w[r] = {word};
+UNROLL for (int i = 0; i < 4; ++i) {{
+    UNROLL for (int r = 0; r < 4; ++r) w[r] = {word};
     save(matrices({schedule.dz(index - 1)}, 4 * half + i), w);
 }} }}
 {wait(0, "sum.c")}}}

@@ -4,7 +4,7 @@ import warp as wp
 
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.backward import input_gradient_text
-from warp_neural.kernels.training.hopper64.forward import begin_text
+from warp_neural.kernels.training.hopper64.begin import begin_text
 from warp_neural.kernels.training.hopper128.backward import (
     begin_first_layer_text,
     finish_text,

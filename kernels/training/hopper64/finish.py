@@ -1,7 +1,12 @@
 """CUDA text of the end of a fused training step by warpgroups: the sums of a block."""
 
+from pathlib import Path
+
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.training.hopper64.schedule import SAMPLES, WIDTH, Hopper64Schedule, HopperSchedule
-from warp_neural.kernels.training.text import finish_names, paste
+from warp_neural.kernels.training.text import finish_names
+
+NATIVE = Path(__file__).parent / "native"
 
 
 def finish_text(schedule: Hopper64Schedule) -> str:
@@ -41,8 +46,8 @@ auto put = [&](unsigned i, real v) {{ mine[i] = add ? mine[i] + v : v; }};
 
 def leave_last(schedule: HopperSchedule, base: int, bias_sums: int) -> str:
     """To shared memory from `base` on: the last layer's biases and losses."""
-    return paste(__file__, "leave_last.cuh", BASE=base, N=schedule.layers[-1].layout.n, BIAS_SUMS=bias_sums)
+    return paste(NATIVE / "leave_last.cuh", BASE=base, N=schedule.layers[-1].layout.n, BIAS_SUMS=bias_sums)
 
 
 def put_last(schedule: HopperSchedule) -> str:
-    return paste(__file__, "put_last.cuh", BIAS_FIRST=schedule.layers[-1].bias_first, FLOATS=schedule.floats)
+    return paste(NATIVE / "put_last.cuh", BIAS_FIRST=schedule.layers[-1].bias_first, FLOATS=schedule.floats)

@@ -7,16 +7,18 @@ stay in registers from layer to layer, as `wgmma` leaves results the way it take
 two tiles of a layer take turns: while one is multiplied, the other's results are activated.
 """
 
+from pathlib import Path
 from typing import Literal
 
 from warp_neural.kernels.coopvec.cuda import primitives
 from warp_neural.kernels.coopvec.cuda.primitives import MMA_TYPES
-from warp_neural.kernels.coopvec.fragment_layout import Text, operands
-from warp_neural.kernels.coopvec.layout import LayerLayout, bias_is_half, bias_layout, network_layout
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.activations import linear, relu
-from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, round_up
+from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
 from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, Hopper64Schedule, HopperSchedule
-from warp_neural.kernels.training.text import MEMORY, ones_of, paste, slopes, unrolled
+from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
+
+NATIVE = Path(__file__).parent / "native"
 
 
 def wgmma(name: str, spec: NetworkSpec, n: int, a: Literal["registers", "rows", "columns"], transposed: bool) -> str:
@@ -38,13 +40,13 @@ asm volatile("{{.reg .pred p; setp.ne.b32 p, %{b + 1}, 0;\\n"
 """
 
 
-PRODUCTS = paste(__file__, "products.cuh")
+PRODUCTS = paste(NATIVE / "products.cuh")
 
 
 def enter(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:
     """Lambdas; addresses of the block's `weights` and of the warpgroup's `area`, and places in its slots."""
     where = {"ONES": schedule.ones, "AREAS": schedule.areas, "AREA": schedule.area}
-    places = paste(__file__, "places.cuh", ROW=ROW, SAMPLES=SAMPLES, **where)
+    places = paste(NATIVE / "places.cuh", ROW=ROW, SAMPLES=SAMPLES, **where)
     return f"{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}{places}"
 
 
@@ -52,79 +54,9 @@ def wait(pending: int, *registers: str) -> str:
     """Until at most so many groups of products are under way; `registers`: arrays that are ready then."""
     text = f'asm volatile("wgmma.wait_group.sync.aligned {pending};" ::: "memory");\n'
     for name in registers:
-        text += f'for (int r = 0; r < sizeof({name}) / 4; ++r) asm volatile("" : "+f"(({name})[r]) :: "memory");\n'
+        text += f"UNROLL for (int r = 0; r < sizeof({name}) / 4; ++r) "
+        text += f'asm volatile("" : "+f"(({name})[r]) :: "memory");\n'
     return text
-
-
-MOST_HELD = 32  # registers of a thread that are read before any is stored
-
-
-def begin_text(spec: NetworkSpec, schedule: HopperSchedule) -> str:
-    """`(params, memory)`: stage weights, biases and ones. All threads.
-
-    Weights lie in panels of 64 columns, the rows of a panel swizzled as in slots."""
-    _, words = network_layout(spec, True)
-    text = reads = stores = ""
-    width, held = spec.sizes[1], 0
-    for index, layer in enumerate(schedule.layers):
-        layout, panel = layer.layout, round_up(layer.layout.n_pad, 16) * ROW
-        units = layout.operands(spec.format).elements // 8
-        for start in range(0, units, schedule.threads):
-            name, inside = f"v_{index}_{start}", f"if (threadIdx.x < {units - start}u) "
-            inside = "" if units - start >= schedule.threads else inside
-            source = f"__ldg(reinterpret_cast<const uint4*>(mine + {layout.weights}) + {start} + threadIdx.x)"
-            reads += f"uint4 {name}; {inside}{name} = {source};\n"
-            stores += f"{inside}store({name}, {start} + threadIdx.x, {layout.k_pad}, {layer.weights}, {panel});\n"
-            held += 4
-        reads += f"const real bias_{index} = threadIdx.x < {layout.n_pad}u ? {bias_value(spec, layout)} : 0.0f;\n"
-        stores += f"if (threadIdx.x < {width}u) biases[{width * index} + threadIdx.x] = bias_{index};\n"
-        if layout.n_pad % 16:
-            for p in range(-(-layout.k_pad // 64)):
-                place = layer.weights + p * panel + layout.n_pad * ROW
-                stores += f"if (threadIdx.x < 64u) reinterpret_cast<uint4*>(shared + {place})[threadIdx.x] = zero;\n"
-        if held >= MOST_HELD or layer is schedule.layers[-1]:
-            text += reads + stores
-            reads, stores, held = "", "", 0
-    one = ", ".join([ones_of(spec)] * 4)
-    row, unit, word, column = staged_place(spec)
-    return unrolled(f"""{primitives.prelude(spec)}
-const unsigned* const mine = params.packed.data + static_cast<size_t>(params.network) * {words};
-char* const unaligned = reinterpret_cast<char*>(memory.data.ptr);
-char* const shared = unaligned + (-static_cast<unsigned>(__cvta_generic_to_shared(unaligned)) & 1023u);
-real* const biases = reinterpret_cast<real*>(shared + {schedule.biases});
-const uint4 zero = make_uint4(0u, 0u, 0u, 0u), one = make_uint4({one});
-auto store = [&](uint4 v, unsigned i, unsigned k_pad, unsigned weights, unsigned panel) {{
-    const unsigned words[4] = {{v.x, v.y, v.z, v.w}};
-    const unsigned unit = {unit}, swizzle = unit % 8 ^ g;
-    char* const row = shared + weights + unit / 8 * panel + {row} * {ROW} + 2 * {column};
-    for (int r = 0; r < 4; ++r) *reinterpret_cast<unsigned*>(row + ((swizzle ^ {word}) << 4)) = words[r];
-}};
-const unsigned n = threadIdx.x;
-{text}if (threadIdx.x < 128u) reinterpret_cast<uint4*>(shared + {schedule.ones})[threadIdx.x] = one;
-asm volatile("fence.proxy.async.shared::cta;" ::: "memory");
-__syncthreads();
-""")
-
-
-def staged_place(spec: NetworkSpec) -> tuple[Text, ...]:
-    """Of word `r` of the 16 bytes `i` of a layer's weights, which lane 4 g + t has: the row; the unit of eight columns,
-    of the first word and how much further `r` is; the first column in it."""
-    weights = operands(spec.format, Text("n_pad"), Text("k_pad"))
-    rows, columns = weights.axes
-    digits = weights.memory.only("t", "g", "pair", "tile").split(Text("i")) | {"t": Text("t"), "g": Text("g")}
-    word = weights.memory.only("register", "half").split(Text("r"))
-    units, inside = columns.only("register", "half", "pair"), columns.only("e", "t")
-    return rows.join(**digits), units.join(**digits), units.join(**word), inside.join(**digits)
-
-
-def bias_value(spec: NetworkSpec, layout: LayerLayout) -> str:
-    """Of neuron n, from the packed buffer."""
-    biases = bias_layout(spec, layout.n_pad)
-    if bias_is_half(spec, True):
-        pair = biases.memory.only("tile", "t", "rest").join(**biases.axes[0].split(Text("n")))
-        word = f"mine[{layout.bias} + {pair}]"
-        return f"(n % 2u ? half_high({word}) : half_low({word}))"
-    return f"__uint_as_float(mine[{layout.bias} + {biases.index(Text('n'))}])"
 
 
 def forward_text(spec: NetworkSpec, schedule: Hopper64Schedule, halves: bool) -> str:
@@ -139,16 +71,16 @@ def forward_text(spec: NetworkSpec, schedule: Hopper64Schedule, halves: bool) ->
     layers = "".join(activate(spec, schedule, index) for index in range(depth))
     multiply = wgmma("multiply_hidden", spec, WIDTH, "registers", False)
     multiply += wgmma("multiply_last", spec, final.n_pad, "registers", False)
-    return unrolled(f"""{enter(spec, schedule)}{multiply}{read_biases(schedule, WIDTH)}{inputs}__syncwarp();
+    return f"""{enter(spec, schedule)}{multiply}{read_biases(schedule, WIDTH)}{inputs}__syncwarp();
 unsigned a[2][{WIDTH // 16}][4];
 real d[2][{WIDTH // 2}], z[2][{final.n_pad // 2}];
-for (int m = 0; m < 2; ++m) for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, m, b), a[m][b]);
-for (int m = 0; m < 2; ++m) {{ {products(schedule, 0)} }}
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int b = 0; b < {k_pad // 16}; ++b) load(matrices(0, m, b), a[m][b]);
+UNROLL for (int m = 0; m < 2; ++m) {{ {products(schedule, 0)} }}
 {layers}
-for (int m = 0; m < 2; ++m) {{
+UNROLL for (int m = 0; m < 2; ++m) {{
 if (m == 0) {{ {wait(1, "z[0]")} }} else {{ {wait(0, "z[1]")} }}
 {save_results(schedule, "z[m]", "m * 64 + ")}}}
-{read_results(schedule)}""")
+{read_results(schedule)}"""
 
 
 def save_inputs(spec: NetworkSpec, schedule: HopperSchedule, halves: bool) -> str:
@@ -170,10 +102,10 @@ def read_biases(schedule: HopperSchedule, width: int) -> str:
 
 def save_results(schedule: HopperSchedule, z: str, tile: str) -> str:
     """A tile's accumulators `z` of the last layer, and its biases, to the spare slot; `tile` begins its first row."""
-    return f"""for (int j = 0; j < {schedule.layers[-1].layout.n_pad // 8}; ++j) {{
+    return f"""UNROLL for (int j = 0; j < {schedule.layers[-1].layout.n_pad // 8}; ++j) {{
     const float2 bias = read_biases({len(schedule.layers) - 1}, j);
     const unsigned swizzled = area + {schedule.spare} + ((2 * j + (t >> 1) ^ g) << 4) + (t & 1u) * 8;
-    for (int h = 0; h < 2; ++h) asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
+    UNROLL for (int h = 0; h < 2; ++h) asm volatile("st.shared.v2.f32 [%0],{{%1,%2}};"
         :: "r"(swizzled + ({tile}first + g + 8 * h) * {ROW}), "f"({z}[4 * j + 2 * h] + bias.x),
            "f"({z}[4 * j + 2 * h + 1] + bias.y) : "memory");
 }}
@@ -204,7 +136,7 @@ def products(schedule: Hopper64Schedule, index: int) -> str:
     layer = schedule.layers[index]
     multiply = "multiply_last(z[m]" if layer.last else "multiply_hidden(d[m]"
     return f"""begin_products();
-for (int b = 0; b < {layer.layout.k_pad // 16}; ++b)
+UNROLL for (int b = 0; b < {layer.layout.k_pad // 16}; ++b)
     {multiply}, a[m][b], tile(weights + {layer.weights} + 32 * b, 0u), b);
 commit();
 """
@@ -218,11 +150,12 @@ def activate(spec: NetworkSpec, schedule: Hopper64Schedule, index: int) -> str:
     else:
         word = "pack({}, {})" if spec.activation is linear else "pack(hidden({}), hidden({}))"
     return f"""{{ float2 biases[{WIDTH // 8}];
-for (int j = 0; j < {WIDTH // 8}; ++j) biases[j] = read_biases({index}, j);
-for (int m = 0; m < 2; ++m) {{
+UNROLL for (int j = 0; j < {WIDTH // 8}; ++j) biases[j] = read_biases({index}, j);
+UNROLL for (int m = 0; m < 2; ++m) {{
 {wait(1, "d[m]")}
-for (int j = 0; j < {WIDTH // 8}; ++j) for (int h = 0; h < 2; ++h) a[m][j / 2][j % 2 * 2 + h] = {word.format(*values)};
+UNROLL for (int j = 0; j < {WIDTH // 8}; ++j)
+UNROLL for (int h = 0; h < 2; ++h) a[m][j / 2][j % 2 * 2 + h] = {word.format(*values)};
 {products(schedule, index + 1)}
-for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({(index + 1) * SLOT}, m, b), a[m][b]);
+UNROLL for (int b = 0; b < {WIDTH // 16}; ++b) save(matrices({(index + 1) * SLOT}, m, b), a[m][b]);
 }} }}
 """

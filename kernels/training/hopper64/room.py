@@ -9,8 +9,9 @@ from warp_neural.kernels.training.hopper64.backward import (
     input_gradient_text,
     upper_layers_text,
 )
+from warp_neural.kernels.training.hopper64.begin import begin_text
 from warp_neural.kernels.training.hopper64.finish import finish_text
-from warp_neural.kernels.training.hopper64.forward import begin_text, enter, forward_text
+from warp_neural.kernels.training.hopper64.forward import enter, forward_text
 from warp_neural.kernels.training.hopper64.schedule import Hopper64Schedule, make_schedule
 from warp_neural.kernels.training.schedule import Room, Texts
 

@@ -5,11 +5,16 @@ lies in the areas of all warps; each warp multiplies its own by the weights for 
 by the layer's inputs for its own tasks of the weights' gradient (see `schedule`), which it keeps in registers.
 """
 
+from pathlib import Path
+
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.activations import SAME_SLOPE, linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.forward import enter
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
-from warp_neural.kernels.training.text import paste, take_dx, unrolled
+from warp_neural.kernels.training.text import take_dx
+
+NATIVE = Path(__file__).parent / "native"
 
 
 def start(spec: NetworkSpec, schedule: MmaSchedule) -> str:
@@ -27,13 +32,13 @@ def start(spec: NetworkSpec, schedule: MmaSchedule) -> str:
 def upper_layers_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """`(memory, sums, z, dy) -> sums`: all layers but the first; dy is of the activated results. All threads."""
     layers = "".join(backward_layer(spec, schedule, index, True) for index in reversed(range(1, len(schedule.layers))))
-    return unrolled(f"{enter(spec, schedule)}auto sum = sums;\n{start(spec, schedule)}{layers}return sum;\n")
+    return f"{enter(spec, schedule)}auto sum = sums;\n{start(spec, schedule)}{layers}return sum;\n"
 
 
 def first_layer_text(spec: NetworkSpec, schedule: MmaSchedule, input_gradient: bool) -> str:
     """`(memory, sums) -> sums`: the first layer; `input_gradient` leaves dx in the area. All threads."""
     layer = backward_layer(spec, schedule, 0, input_gradient)
-    return unrolled(f"{enter(spec, schedule)}auto sum = sums;\n{layer}{schedule.barrier}\nreturn sum;\n")
+    return f"{enter(spec, schedule)}auto sum = sums;\n{layer}{schedule.barrier}\nreturn sum;\n"
 
 
 def backward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int, go_on: bool) -> str:
@@ -51,9 +56,9 @@ def input_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
         word += " & spread_signs(kept + 0x7fff7fffu)"
     elif sloped:
         word = "pack(a * d_hidden(low(kept)), b * d_hidden(high(kept)))"
-    return f"auto back_word = [&](real a, real b, unsigned kept) {{ return {word}; }};\n" + paste(
-        __file__,
-        "input_products.cuh",
+    back_word = f"auto back_word = [&](real a, real b, unsigned kept) {{ return {word}; }};\n"
+    return back_word + paste(
+        NATIVE / "input_products.cuh",
         N_BLOCKS=layer.n_blocks,
         K_BLOCKS=layer.k_blocks,
         PAIRS=layer.layout.k_pairs(spec.format),
@@ -62,7 +67,7 @@ def input_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
         DZ=4 * layer.dz,
         H=4 * layer.h,
         TARGET=4 * (schedule.layers[index - 1].dz if index else schedule.dx),
-        SLOPED=sloped,
+        SLOPED=int(sloped),
     )
 
 
@@ -70,14 +75,13 @@ def weight_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str
     """dZ^T H of this warp's units."""
     layer = schedule.layers[index]
     return paste(
-        __file__,
-        "weight_products.cuh",
+        NATIVE / "weight_products.cuh",
         **schedule.constants(index),
         WARPS=schedule.warps,
         DZ=4 * layer.dz,
         H=4 * layer.h,
         AREA=4 * schedule.area,
-        PRE_ACTIVATIONS=index > 0 and spec.activation not in SAME_SLOPE,
+        PRE_ACTIVATIONS=int(index > 0 and spec.activation not in SAME_SLOPE),
     )
 
 
@@ -85,4 +89,4 @@ def input_gradient_text(spec: NetworkSpec, schedule: MmaSchedule, dtype: type) -
     """`(memory) -> dx`, a vector of `dtype`, of this thread's sample, as `first_layer` left it."""
     blocks = schedule.layers[0].k_blocks
     take = take_dx(spec.sizes[0], dtype, lambda u: f"own_unit(area + {4 * schedule.dx}, {blocks}, {u})")
-    return unrolled(f"{enter(spec, schedule)}{take}return dx;\n")
+    return f"{enter(spec, schedule)}{take}return dx;\n"

@@ -8,28 +8,33 @@ holds the rows of half r % 2 and the columns of half r / 2, register r of an A o
 The functions share registers (`sums`, which the kernel passes along) and shared memory (`schedule.MmaSchedule`).
 """
 
+from pathlib import Path
+
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.cuda import primitives
 from warp_neural.kernels.coopvec.cuda.fragments import group_of, pre_activation, start_tile
 from warp_neural.kernels.coopvec.layout import network_layout
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
-from warp_neural.kernels.training.text import MEMORY, ones_of, paste, slopes, unrolled
+from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
+
+NATIVE = Path(__file__).parent / "native"
 
 
 def enter(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and others; see `places.cuh`."""
     add = primitives.mma("multiply_add", spec.format, "real")
     names = f"{primitives.prelude(spec)}{add}{slopes(spec)}{MEMORY}const unsigned ones = {ones_of(spec)};\n"
-    return names + paste(__file__, "places.cuh", WEIGHTS=4 * schedule.weights, AREA=4 * schedule.area)
+    return names + paste(NATIVE / "places.cuh", WEIGHTS=4 * schedule.weights, AREA=4 * schedule.area)
 
 
 def begin_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """`(params, memory)`: stage the weights, 8 x 8 matrices in the order of the packed buffer. All threads."""
     _, words = network_layout(spec, True)
     copies = "".join(
-        f"""for (int i = 0; i < {layer.layout.bias - layer.layout.weights}; i += {4 * schedule.threads}) {{
+        f"""UNROLL for (int i = 0; i < {layer.layout.bias - layer.layout.weights}; i += {4 * schedule.threads}) {{
     const unsigned word = i + 4 * threadIdx.x;
     if (word < {layer.layout.bias - layer.layout.weights}u) {{
         const uint4 v = __ldg(reinterpret_cast<const uint4*>(mine + {layer.layout.weights} + word));
@@ -40,10 +45,10 @@ def begin_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:
 """
         for layer in schedule.layers
     )
-    return unrolled(f"""const unsigned* mine = params.packed.data + static_cast<size_t>(params.network) * {words};
+    return f"""const unsigned* mine = params.packed.data + static_cast<size_t>(params.network) * {words};
 unsigned* target = reinterpret_cast<unsigned*>(memory.data.ptr);
 {copies}__syncthreads();
-""")
+"""
 
 
 def forward_text(spec: NetworkSpec, schedule: MmaSchedule) -> str:
@@ -62,14 +67,15 @@ const unsigned at = 0u;
 unsigned a[2][{max(layer.k_blocks for layer in schedule.layers)}][4];
 {"".join(f"save_unit(own_unit(area, {blocks}, {u}), {', '.join(unit)});" for u, unit in enumerate(units))}
 __syncwarp();
-for (int m = 0; m < 2; ++m) for (int b = 0; b < {blocks}; ++b) load(area + (m * {blocks} + b) * 512, a[m][b]);
+UNROLL for (int m = 0; m < 2; ++m)
+UNROLL for (int b = 0; b < {blocks}; ++b) load(area + (m * {blocks} + b) * 512, a[m][b]);
 {"".join(forward_layer(spec, schedule, index) for index in range(len(schedule.layers)))}
 __syncwarp();
 wp::vec_t<{n_out}, real> result;
 {"".join(read_result(schedule, n_out, j) for j in range(schedule.layers[-1].layout.n_pad // 8))}
 return result;
 """
-    return unrolled(body)
+    return body
 
 
 def forward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
@@ -89,25 +95,26 @@ def forward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
         if kept == "z":
             z = "d[m][j][h]" if spec.accumulation == "float16" else "pack(z_value(m, j, h, 0), z_value(m, j, h, 1))"
             finish += f" z[m][(j0 + j) / 2][(j0 + j) % 2 * 2 + h] = {z};"
-        copy = f"""for (int m = 0; m < 2; ++m) for (int b = 0; b < {tiles // 2}; ++b) {{
+        copy = f"""UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int b = 0; b < {tiles // 2}; ++b) {{
     save(area + {4 * schedule.layers[index + 1].h} + (m * {tiles // 2} + b) * 512, {kept}[m][b]);
-    for (int r = 0; r < 4; ++r) a[m][b][r] = next[m][b][r];
+    UNROLL for (int r = 0; r < 4; ++r) a[m][b][r] = next[m][b][r];
 }}"""
     return f"""{{ {declare}
-for (int j0 = 0; j0 < {tiles}; j0 += {group}) {{
+UNROLL for (int j0 = 0; j0 < {tiles}; j0 += {group}) {{
 {kind} d[2][{group}][{registers}];
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) {{
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {group}; ++j) {{
 {kind} (&c)[{registers}] = d[m][j];
 {start_tile(spec, layout)} }}
-for (int p = 0; p < {layout.k_pairs(spec.format)}; ++p) {{
+UNROLL for (int p = 0; p < {layout.k_pairs(spec.format)}; ++p) {{
     unsigned w[{group}][4];
-    for (int j = 0; j < {group}; ++j)
+    UNROLL for (int j = 0; j < {group}; ++j)
         load(weights + {4 * layer.weights} + ((j0 + j) * {layout.k_pairs(spec.format)} + p) * 512, w[j]);
-    for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}) for (int j = 0; j < {group}; ++j)
-    for (int m = 0; m < 2; ++m) multiply(d[m][j], d[m][j], a[m][2 * p + b], w[j][2 * b], w[j][2 * b + 1]);
+    UNROLL for (int b = 0; b < 2; ++b) if (2 * p + b < {blocks}) UNROLL for (int j = 0; j < {group}; ++j)
+    UNROLL for (int m = 0; m < 2; ++m) multiply(d[m][j], d[m][j], a[m][2 * p + b], w[j][2 * b], w[j][2 * b + 1]);
 }}
 {pre_activation(spec, layout)}
-for (int m = 0; m < 2; ++m) for (int j = 0; j < {group}; ++j) for (int h = 0; h < 2; ++h) {{ {finish} }}
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {group}; ++j)
+UNROLL for (int h = 0; h < 2; ++h) {{ {finish} }}
 }}
 {copy} }}
 """
