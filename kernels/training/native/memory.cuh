@@ -1,5 +1,5 @@
 // Vectors in shared memory, as 8 x 8 matrices of 16-bit elements; addresses are in bytes, one for each lane.
-// Uses: lane.
+// Names: lane.
 
 auto load = [](unsigned address, unsigned (&w)[4]) {
     asm volatile("ldmatrix.sync.aligned.m8n8.x4.shared.b16 {%0,%1,%2,%3},[%4];"

@@ -1,5 +1,5 @@
 // This warp's rows of a slot, in so many panels, to byte `to` of the tile in memory, KEPT bytes long; under way.
-// Constants besides: ROW, PANEL.
+// Constants besides: ROW, PANEL. Names: places.cuh, products.cuh, kept, start.
 
 auto keep = [&](unsigned slot, int panels, unsigned to) {
     const size_t tile = start / 64 + blockIdx.x * 2 + group;

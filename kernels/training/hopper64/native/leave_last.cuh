@@ -1,5 +1,5 @@
 // To shared memory from BASE on: N biases of the last layer, as `start.cuh` dealt them to register BIAS_SUMS, and the
-// losses, two floats a warp each.
+// losses, two floats a warp each. Names: finish.cuh.
 
 real all = loss;
 #pragma unroll

@@ -1,5 +1,5 @@
 // A block's shared memory, from its first multiple of 1024 bytes on, and this lane's places in its warpgroup's slots.
-// Constants, in bytes: ONES, AREAS, AREA, ROW; SAMPLES of a warpgroup. Uses: lane, memory.
+// Constants, in bytes: ONES, AREAS, AREA, ROW; SAMPLES of a warpgroup. Names: lane, memory.
 
 const unsigned warp = __shfl_sync(0xffffffffu, threadIdx.x >> 5, 0), group = warp >> 2;
 const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + 1023u) & ~1023u;

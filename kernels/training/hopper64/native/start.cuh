@@ -1,6 +1,6 @@
 // `v`, the last layer's dz of each thread's own sample, to shared memory and to TILES operands of this warp; its sum
 // over the warp to register BIAS_SUMS: lane i has half of that of neuron i / 2.
-// Constants besides: LAST_DZ in an area, LAST_ROW bytes of a row there.
+// Constants besides: LAST_DZ in an area, LAST_ROW bytes of a row there. Names: places.cuh, products.cuh, pack.
 
 const unsigned last = area + LAST_DZ;
 if (lane < 16 * TILES) {

@@ -1,5 +1,5 @@
 // Adds up COUNT copies of SIZE floats, from COPIES on in shared memory, to the block's sums from FIRST on.
-// Constants besides: THREADS of the block.
+// Constants besides: THREADS of the block. Names: finish.cuh.
 
 for (unsigned i = threadIdx.x; i < SIZE; i += THREADS) {
     real sum = add ? mine[FIRST + i] : 0.0f;

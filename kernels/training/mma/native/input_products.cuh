@@ -1,7 +1,7 @@
 // dh = dz W of one layer, times the slopes of the layer before: that layer's dz, saved; `dz` stays in registers.
 // Constants: N_BLOCKS, K_BLOCKS of 16 neurons and inputs, PAIRS of the latter, TILES of 8 neurons; in bytes WEIGHTS in
 // shared memory, and in an area DZ, H and TARGET, where the results go; SLOPED, whether slopes depend on H.
-// Uses: `back_word(low, high, kept)`, their product with the slopes at `kept`, as one register.
+// Names: places.cuh, multiply_add, `back_word(a, b, kept)`: both times the slopes at `kept`, as one register.
 
 unsigned dz[2][N_BLOCKS][4];
 #pragma unroll

@@ -1,6 +1,6 @@
 // To shared memory: a copy of a layer's gradient for each split, of its biases' for each group of columns too.
-// Constants, see MmaLayer: TASKS, SPLITS, ROWS, COLUMNS, GROUPS, N_BLOCKS, K_BLOCKS, SUMS, BIAS_SUMS, COPIES, BIAS_COPIES;
-// COLUMN of a product that has the biases.
+// Constants, see MmaLayer: TASKS, SPLITS, ROWS, COLUMNS, GROUPS, N_BLOCKS, K_BLOCKS, SUMS, BIAS_SUMS, COPIES,
+// BIAS_COPIES; COLUMN of a product that has the biases. Names: finish.cuh.
 
 if (warp < TASKS * SPLITS) {
     const unsigned task = warp % TASKS, split = warp / TASKS;

@@ -1,5 +1,5 @@
 // Where a warp's vectors and a block's weights lie in shared memory, as 8 x 8 matrices.
-// Constants: WEIGHTS bytes of all weights, AREA of a warp's area. Uses: lane, memory.
+// Constants: WEIGHTS bytes of all weights, AREA of a warp's area. Names: lane, memory.
 
 const unsigned warp = threadIdx.x >> 5;
 const unsigned weights = static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + lane * 16;

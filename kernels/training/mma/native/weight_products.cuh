@@ -4,6 +4,7 @@
 // in bytes DZ, H in an area and its length AREA; COLUMN of a product in which the layer's biases meet those of others.
 // PRE_ACTIVATIONS: H holds those, which are still to be activated.
 // Warps of different columns start at different samples, so that each adds the biases of others of them.
+// Names: places.cuh, pack and so on of the format, multiply_add, hidden.
 
 constexpr int SAMPLES = WARPS / SPLITS;  // in 32s
 constexpr bool SHARED_BIAS = SAMPLES % GROUPS == 0;
