@@ -5,12 +5,16 @@
 
 from functools import cache
 from math import gcd
+from pathlib import Path
 from typing import NamedTuple
 
 import warp as wp
 
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.encodings.base import ADD, UNROLL, WHOLE, Leaf, enter
 from warp_neural.kernels.nn.spec import Parameters
+
+NATIVE = Path(__file__).parent / "native"
 
 SUM_LANES = f"""#if defined(__CUDA_ARCH__)
 {UNROLL}for (int m = 1; m < lanes; m *= 2) for (real& value : y.c) value += __shfl_xor_sync(0xffffffffu, value, m);
@@ -61,13 +65,6 @@ def make_adjoint_part(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
     return adjoint
 
 
-ADD_SHARED = """auto add = [](real* a, real x) { atomicAdd(a, x); };
-auto add2 = [](real* a, real x, real y) { atomicAdd(a, x); atomicAdd(a + 1, y); };
-auto add4 = [](real* a, real x, real y, real z, real w) {
-    atomicAdd(a, x); atomicAdd(a + 1, y); atomicAdd(a + 2, z); atomicAdd(a + 3, w); };
-"""
-
-
 class SharedSums(NamedTuple):
     """Native functions for `Encoding.shared_sums` of a block; `memory` is a tile of as many floats."""
 
@@ -81,31 +78,20 @@ def make_shared_sums(leaf: Leaf, vec_in: type, start: int) -> SharedSums:
     n_in = len(leaf.inputs)
     n, vec_out = leaf.encoding.shared_sums(n_in), wp.types.vector(leaf.encoding.n_out(n_in), wp.float32)
     memory_of = wp.tile(dtype=wp.float32, shape=(n,))
-    width = gcd(n, start, 4)
-    values = ", ".join(f"sums[k + {c}]" for c in range(width))
-    each = f"for (int k = threadIdx.x * {width}; k < {n}; k += blockDim.x * {width})"
-    clear = f"{each} for (int c = 0; c < {width}; ++c) memory.data.ptr[k + c] = 0.0f;\n__syncthreads();\n"
-    add = WHOLE.replace("direct_sums = true", "direct_sums = false") + enter(leaf.inputs, start, 0)
-    add += f"real* const grad = memory.data.ptr;\n{ADD_SHARED}{leaf_adjoint_text(leaf, start)}"
-    flush = f"""using real = wp::float32;
-real* const grad = params.master.grad + {start};
-const real* const sums = memory.data.ptr;
-{ADD}
-__syncthreads();
-{each} {{
-    bool any = false;
-    for (int c = 0; c < {width}; ++c) any |= sums[k + c] != 0.0f;
-    if (any) add{width if width > 1 else ""}(grad + k, {values});
-}}
-"""
+    sizes = {"N": n, "WIDTH": gcd(n, start, 4)}
+    add_text = WHOLE.replace("direct_sums = true", "direct_sums = false") + enter(leaf.inputs, start, 0)
+    add_text += (
+        f"real* const grad = memory.data.ptr;\n{paste(NATIVE / 'add_shared.cuh')}{leaf_adjoint_text(leaf, start)}"
+    )
+    flush_text = f"using real = wp::float32;\nreal* const grad = params.master.grad + {start};\n{ADD}"
 
-    @wp.func_native(clear)
+    @wp.func_native(paste(NATIVE / "clear_sums.cuh", **sizes))
     def clear(memory: memory_of): ...
 
-    @wp.func_native(add)
+    @wp.func_native(add_text)
     def add(params: Parameters, memory: memory_of, x: vec_in, dy: vec_out): ...
 
-    @wp.func_native(flush)
+    @wp.func_native(flush_text + paste(NATIVE / "flush_sums.cuh", **sizes))
     def flush(params: Parameters, memory: memory_of): ...
 
     return SharedSums(clear, add, flush)
