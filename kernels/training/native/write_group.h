@@ -1,4 +1,4 @@
-// The inverse of `read_group.h`.
+// The inverse of read_group.h, of `group`, GROUP floats.
 
 wp::float32* const to = values.data + i;
 #if defined(__CUDA_ARCH__)

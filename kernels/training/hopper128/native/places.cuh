@@ -1,4 +1,5 @@
-// As hopper64/native/places.cuh, of slots in panels of PANEL bytes; `areas` of both warpgroups.
+// As hopper64/native/places.cuh, of slots in panels; `areas` of both warpgroups.
+// Constants, in bytes: ONES, AREAS, AREA, ROW, PANEL. Names: lane, memory.
 
 const unsigned warp = __shfl_sync(0xffffffffu, threadIdx.x >> 5, 0), group = warp >> 2;
 const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.data.ptr)) + 1023u) & ~1023u;
