@@ -1,5 +1,5 @@
-// Of the groups of GROUP, 4, values at i, i + step, ...: on the CPU, the first that lies before `passed`, is not zero or
-// lies at the end; on CUDA i itself, as the threads of a warp stay side by side.
+// Of the groups of GROUP, 4, values at i, i + step, ...: on the CPU, the first that lies before `passed`, is not zero
+// or lies at the end; on CUDA i itself, as the threads of a warp stay side by side.
 
 #if !defined(__CUDA_ARCH__)
 for (; i >= passed && i + GROUP <= values.shape[0]; i += step) {

@@ -1,5 +1,5 @@
-// From memory to bytes `begin` to `end` of an area, under way; of the round `start`, if `inside`. Constants: KEPT, bytes
-// of a tile. Names: places.cuh, kept.
+// From memory to bytes `begin` to `end` of an area, under way; of the round `start`, if `inside`. Constants: KEPT,
+// bytes of a tile. Names: places.cuh, kept.
 
 auto fetch = [&](int start, bool inside, unsigned begin, unsigned end) {
     const size_t tile = start / 64 + blockIdx.x * 2 + group;

@@ -1,4 +1,5 @@
 // Products by `wgmma`: descriptors of its operands, and when they run.
+
 typedef unsigned long long Tile;
 // matrix descriptor: 1024 bytes from 8 rows to the next 8, `beyond` from 64 columns to the next; of the last dz 256
 auto tile = [](unsigned address, unsigned beyond) {
