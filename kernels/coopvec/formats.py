@@ -4,40 +4,26 @@ from functools import cache
 
 import warp as wp
 
+from warp_neural.kernels.coopvec import NATIVE
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32, Format
 
 BITS = "unsigned b; memcpy(&b, &x, 4);"
 VALUE = "wp::float32 v; memcpy(&v, &b, 4); return v;"
-
-
-def small_float_encode(mantissa: int, min_exponent: int, largest: float) -> str:
-    """Sign, exponent, mantissa in 8 bits (Micikevicius et al. 2022, "FP8 formats for deep learning"), saturating.
-
-    With step the spacing of the format at |x|, the code is the integer |x| / step plus the exponent's own steps; a
-    carry out of the mantissa lands in the exponent by itself.
-    """
-    return f"""{BITS}
-const unsigned sign = b >> 24 & 0x80u;
-if (x != x) return sign | 0x7fu;
-const wp::float32 a = wp::min(wp::abs(x), {largest}f);
-memcpy(&b, &a, 4);
-const int exponent = wp::max(static_cast<int>(b >> 23) - 127, {min_exponent});
-const unsigned step_bits = static_cast<unsigned>(exponent - {mantissa} + 127) << 23;
-wp::float32 step; memcpy(&step, &step_bits, 4);
-const int first = (exponent - {min_exponent}) << {mantissa};
-return sign | static_cast<unsigned>(first + static_cast<int>(wp::rint(a / step)));
-"""
-
+SMALL_FLOATS = {
+    E4M3: {"MANTISSA": 3, "MIN_EXPONENT": -6, "LARGEST": 448.0},
+    E5M2: {"MANTISSA": 2, "MIN_EXPONENT": -14, "LARGEST": 57344.0},
+}
 
 ENCODE = {
     FLOAT32: f"{BITS} return b;",
     TF32: f"{BITS} return x == x ? (b + 0x1000u) & 0xffffe000u : 0x7fffffffu;",  # cvt.rna: ties away from zero
     FLOAT16: "return wp::float_to_half(x).u;",
     BFLOAT16: f"{BITS} return x == x ? (b + 0x7fffu + (b >> 16 & 1u)) >> 16 : 0x7fffu;",
-    E4M3: small_float_encode(3, -6, 448.0),
-    E5M2: small_float_encode(2, -14, 57344.0),
     INT8: "return static_cast<unsigned>(static_cast<int>(wp::rint(wp::clamp(x, -127.0f, 127.0f)))) & 0xffu;",
 }
+for format, constants in SMALL_FLOATS.items():
+    ENCODE[format] = paste(NATIVE / "encode_small_float.h", **constants) + "return encode_small_float(x);"
 
 HALF = "wp::half h; h.u = static_cast<unsigned short>({}); "
 DECODE = {

@@ -22,7 +22,7 @@ class LayerLayout:
     """One layer in the packed buffer; offsets in 32-bit words from the network's start (`master` in floats).
 
     k, n: inputs and outputs; k_pad, n_pad: as stored. scales (INT8): 1 / input step, input step * weight step,
-    1 / the next layer's largest input (127 steps), and the product of the last two, `share`, to 22 bits.
+    1 / the next layer's largest input (127 steps), and the product of the last two, `fraction`, to 22 bits.
     """
 
     k: int
@@ -35,11 +35,11 @@ class LayerLayout:
     master: int
 
     @property
-    def shares(self) -> int:
-        """INT8: a second row of biases, in shares of the next layer's largest input, for ReLU's short cut.
+    def fractions(self) -> int:
+        """INT8: a second row of biases, in fractions of the next layer's largest input, for ReLU's short cut.
 
-        Sums of products stand as MAGIC + sum in accumulators. MAGIC * share is exact, so that one multiply-add gives
-        share * sum + bias, the bias to about one step of the products.
+        Sums of products stand as MAGIC + sum in accumulators. MAGIC * fraction is exact, so that one multiply-add gives
+        fraction * sum + bias, the bias to about one step of the products.
         """
         return (self.bias + self.scales) // 2
 
@@ -151,7 +151,7 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
         return 1.0 / (127.0 * steps[network, layer + 1, 0])
 
     @wp.func
-    def share(steps: wp.array3d[float], network: int, layer: int) -> float:
+    def fraction(steps: wp.array3d[float], network: int, layer: int) -> float:
         exact = steps[network, layer, 0] * steps[network, layer, 1] * largest_inverse(steps, network, layer)
         return wp.cast(wp.cast(exact, wp.uint32) & ~wp.uint32(3), float)
 
@@ -198,7 +198,7 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
                 if wp.static(fragments):
                     n = bias_place(local)
                 z = bias(master, base, n, n_out, n_in) * largest_inverse(steps, network, layer)
-                result = wp.cast(z - wp.static(MAGIC) * share(steps, network, layer), wp.uint32)
+                result = wp.cast(z - wp.static(MAGIC) * fraction(steps, network, layer), wp.uint32)
             elif wp.static(half_bias):
                 n = half_bias_place(2 * local)
                 low = half_encode(bias(master, base, n, n_out, n_in))
@@ -215,7 +215,7 @@ def make_pack_kernel(format: Format, cuda: bool, half_bias: bool):
             elif word == layers[layer, 6] + 2:
                 result = wp.cast(largest_inverse(steps, network, layer), wp.uint32)
             elif word == layers[layer, 6] + 3:
-                result = wp.cast(share(steps, network, layer), wp.uint32)
+                result = wp.cast(fraction(steps, network, layer), wp.uint32)
         packed[network * words + word] = result
 
     return pack_kernel

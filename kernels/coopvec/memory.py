@@ -7,7 +7,9 @@ from functools import cache
 
 import warp as wp
 
-from warp_neural.kernels.coopvec.pool import OWN, pool
+from warp_neural.kernels.coopvec import NATIVE
+from warp_neural.kernels.coopvec.pool import OWN_POOL, pool
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import C_TYPES, check_vector
 
 SIZES = {wp.float16: 2, wp.float32: 4}
@@ -20,80 +22,21 @@ def aligned_units(n: int, dtype: type) -> int:
     return n * SIZES[dtype] // 16 if n * SIZES[dtype] % 16 == 0 else 0
 
 
-def load_words(n: int, dtype: type) -> str:
-    """CUDA: the row as 32-bit `words`; only together are they split, so that what packs them again costs nothing."""
-    units, half = aligned_units(n, dtype), dtype is wp.float16
-    bits = (
-        "reinterpret_cast<const unsigned short*>(bytes)[i]" if half else "reinterpret_cast<const unsigned*>(bytes)[i]"
-    )
-    place = "words[i / 2] |= static_cast<unsigned>({}) << i % 2 * 16;" if half else "words[i] = {};"
-    split = "v.c[i].u = words[i / 2] >> i % 2 * 16;" if half else "v.c[i] = __uint_as_float(words[i]);"
-    take = "words[4 * u] = q.x; words[4 * u + 1] = q.y; words[4 * u + 2] = q.z; words[4 * u + 3] = q.w;"
-    row = (
-        f"""if (aligned) {{
-#pragma unroll
-for (int u = 0; u < {units}; ++u) {{ const uint4 q = reinterpret_cast<const uint4*>(bytes)[u]; {take} }}
-}} else"""
-        if units
-        else ""
-    )
-    return f"""unsigned words[{-(-n * SIZES[dtype] // 4)}] = {{}};
+def load_text(n: int, dtype: type) -> str:
+    """CUDA: the row `bytes` to `v`."""
+    size, units = SIZES[dtype], aligned_units(n, dtype)
+    together = "constexpr bool together = false;\n"
+    if units >= MIN_UNITS:
+        most = 1 << (units - 1).bit_length()
+        together = OWN_POOL + paste(NATIVE / "load_by_warp.cuh", UNITS=units, MOST=most)
+    else:
+        together += f"constexpr int UNITS = {units};\n"
+    split = "v.c[i].u = words[i / 2] >> i % 2 * 16;" if size == 2 else "v.c[i] = __uint_as_float(words[i]);"
+    return f"""unsigned words[{-(-n * size // 4)}] = {{}};
 const bool aligned = ((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u;
-{by_warp(units, take) if units >= MIN_UNITS else ""}
-{{ {row}
+{together}{paste(NATIVE / "load_row.cuh", N=n, SIZE=size)}
 #pragma unroll
-for (int i = 0; i < {n}; ++i) {{ {place.format(bits)} }} }}
-#pragma unroll
-for (int i = 0; i < {n}; ++i) {{ {split} }}
-"""
-
-
-def by_warp(units: int, take: str) -> str:
-    """`if` a whole warp loads consecutive rows `else`: 16 bytes a lane in order of memory, dealt out in shared memory.
-
-    With a row a thread, every load touches 32 lines of the cache. take: statements that take unit `u` from `q`.
-    """
-    most = 1 << (units - 1).bit_length()
-    return f"""#if __CUDA_ARCH__ >= 800
-const unsigned lane = threadIdx.x & 31u;
-size_t first = 0;
-bool together = __activemask() == 0xffffffffu;
-if (together) {{
-    first = __shfl_sync(0xffffffffu, reinterpret_cast<size_t>(bytes), 0);
-    together = __all_sync(0xffffffffu, aligned && reinterpret_cast<size_t>(bytes) == first + lane * pitch);
-}}
-if (together) {{
-{OWN}
-constexpr unsigned UNITS = CHUNK < {most} ? CHUNK : {most};
-auto place = [&](unsigned row, unsigned u) {{  // swizzled: no two of eight lanes meet in a bank
-    return own_pool + row * UNITS + (u ^ (UNITS == 8 ? row & 7u : UNITS == 4 ? row >> 1 & 3u : row >> 2 & 1u)); }};
-const unsigned own = lane % UNITS, above = lane / UNITS;  // the unit of a chunk, and the row, that this lane moves
-auto source = [&](unsigned c, unsigned r) {{
-    return reinterpret_cast<const uint4*>(first + (32 / UNITS * r + above) * pitch) + c + own; }};
-auto inside = [&](unsigned c) {{ return c + UNITS <= {units} || c + own < {units}; }};
-constexpr bool AHEAD = UNITS < {units};  // in several chunks: wait for memory once
-uint4 ahead[{units} + UNITS];
-#pragma unroll
-for (unsigned c = 0; c < {units} && AHEAD; c += UNITS)
-#pragma unroll
-for (unsigned r = 0; r < UNITS; ++r) if (inside(c)) ahead[c + r] = __ldcg(source(c, r));
-#pragma unroll
-for (unsigned c = 0; c < {units}; c += UNITS) {{  // units of a row staged at a time
-#pragma unroll
-for (unsigned r = 0; r < UNITS; ++r) if (inside(c)) {{
-    uint4* const target = place(32 / UNITS * r + above, own);
-    if (AHEAD) *target = ahead[c + r];
-    else asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
-        :: "r"(static_cast<unsigned>(__cvta_generic_to_shared(target))), "l"(source(c, r)) : "memory");
-}}
-if (!AHEAD) asm volatile("cp.async.wait_all;" ::: "memory");
-__syncwarp();
-#pragma unroll
-for (unsigned u = c; u < c + UNITS && u < {units}; ++u) {{ const uint4 q = *place(lane, u - c); {take} }}
-__syncwarp();
-}}
-}} else
-#endif
+for (int i = 0; i < {n}; ++i) {split}
 """
 
 
@@ -104,7 +47,7 @@ def make_load(n: int, dtype: type) -> wp.Function:
     vec, c_type = wp.types.vector(n, dtype), C_TYPES[dtype]
     text = f"wp::vec_t<{n}, {c_type}> v;\n" + ROW.format(array="source", data="source.data")
     text += f"""#if defined(__CUDA_ARCH__)
-{load_words(n, dtype)}
+{load_text(n, dtype)}
 #else
 for (int i = 0; i < {n}; ++i) v.c[i] = reinterpret_cast<{c_type}*>(bytes)[i];
 #endif
@@ -141,14 +84,14 @@ def make_store(n: int, dtype: type) -> wp.Function:
         if per_unit == 8
         else "__float_as_uint(v.c[u * 4 + w])"
     )
-    wide = f"""unsigned words[4];
+    store_unit = f"""unsigned words[4];
 for (int w = 0; w < 4; ++w) words[w] = {word};
 reinterpret_cast<uint4*>(bytes)[u] = make_uint4(words[0], words[1], words[2], words[3]);"""
     c_type = C_TYPES[dtype]
     units = aligned_units(n, dtype)
     fast = f"""if (((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u) {{
 #pragma unroll
-for (int u = 0; u < {units}; ++u) {{ {wide} }}
+for (int u = 0; u < {units}; ++u) {{ {store_unit} }}
 }} else"""
     text = ROW.format(array="target", data="target.data")
     text += f"""#if defined(__CUDA_ARCH__)

@@ -21,10 +21,10 @@ def make_network(spec: NetworkSpec) -> wp.Function:
     """
     vec_in, vec_out = spec.vec_in, spec.vec_out
 
-    @wp.func_native(both(cpu.forward(spec), cuda.forward(spec)))
+    @wp.func_native(both(cpu.network_text(spec), cuda.network_text(spec)))
     def network_forward(params: Parameters, x: vec_in, pool: wp.uint32) -> vec_out: ...
 
-    @wp.func_native(both(cpu.adjoint(spec), cuda.adjoint(spec)))
+    @wp.func_native(both(cpu.adjoint_text(spec), cuda.adjoint_text(spec)))
     def network_adjoint(params: Parameters, x: vec_in, dy: vec_out, pool: wp.uint32) -> vec_in: ...
 
     @wp.func

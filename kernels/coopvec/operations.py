@@ -72,7 +72,7 @@ def make_matmul_add(spec: MatrixSpec) -> wp.Function:
     """
     vec_in, vec_out = spec.vec_in, spec.vec_out
 
-    @wp.func_native(text.product(spec, with_bias=True))
+    @wp.func_native(text.product_text(spec, with_bias=True))
     def product(
         v: vec_in,
         matrix: Buffer,
@@ -83,7 +83,7 @@ def make_matmul_add(spec: MatrixSpec) -> wp.Function:
         pool: wp.uint32,
     ) -> vec_out: ...
 
-    @wp.func_native(text.product_adjoint(spec, with_bias=True))
+    @wp.func_native(text.product_adjoint_text(spec, with_bias=True))
     def product_adjoint(
         v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, bias: Buffer, bias_offset: int, dy: vec_out
     ) -> vec_in: ...
@@ -114,10 +114,10 @@ def make_matmul(spec: MatrixSpec) -> wp.Function:
     """`(v, matrix, matrix_offset, matrix_stride) -> W v` (coopVecMatMulNV); see `make_matmul_add`."""
     vec_in, vec_out = spec.vec_in, spec.vec_out
 
-    @wp.func_native(text.product(spec, with_bias=False))
+    @wp.func_native(text.product_text(spec, with_bias=False))
     def product(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, pool: wp.uint32) -> vec_out: ...
 
-    @wp.func_native(text.product_adjoint(spec, with_bias=False))
+    @wp.func_native(text.product_adjoint_text(spec, with_bias=False))
     def product_adjoint(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, dy: vec_out) -> vec_in: ...
 
     @wp.func
@@ -143,7 +143,7 @@ def make_outer_product_accumulate(spec: MatrixSpec) -> wp.Function:
         raise InputError("outer_product_accumulate needs a floating-point precision, not int8")
     vec_a, vec_b = spec.vec_out, spec.vec_in
 
-    @wp.func_native(text.outer_product(spec))
+    @wp.func_native(text.outer_product_text(spec))
     def outer_product(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int, pool: wp.uint32): ...
 
     @wp.func
@@ -163,7 +163,7 @@ def make_reduce_sum_accumulate(n: int, dtype: type) -> wp.Function:
     check_vector(n, dtype)
     vec = wp.types.vector(n, dtype)
 
-    @wp.func_native(text.reduce_sum(n))
+    @wp.func_native(text.reduce_sum_text(n))
     def reduce_sum_accumulate(v: vec, gradient: wp.array[float], offset: int): ...
 
     return reduce_sum_accumulate

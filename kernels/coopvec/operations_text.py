@@ -2,14 +2,15 @@
 
 import warp as wp
 
+from warp_neural.kernels.coopvec import NATIVE
 from warp_neural.kernels.coopvec.convert import layout_text
 from warp_neural.kernels.coopvec.cuda import adjoint as cuda_adjoint
 from warp_neural.kernels.coopvec.cuda import fragments, primitives
 from warp_neural.kernels.coopvec.cuda import network as cuda
-from warp_neural.kernels.coopvec.cuda.scalar import ADD
 from warp_neural.kernels.coopvec.formats import DECODE, ENCODE
 from warp_neural.kernels.coopvec.fragment_layout import Text, accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout
+from warp_neural.kernels.native import ATOMICS, paste
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, NetworkSpec, round_up
 
@@ -49,7 +50,7 @@ auto bias_value = [&](const {kind}* b, integer n) -> real {{ return static_cast<
     return text
 
 
-def product(spec, with_bias: bool) -> str:
+def product_text(spec, with_bias: bool) -> str:
     """Body of `matmul` and `matmul_add`."""
     step = spec.format.k_step
     half = spec.accumulation == "float16"
@@ -73,7 +74,7 @@ return y;
 """
 
 
-def product_adjoint(spec, with_bias: bool) -> str:
+def product_adjoint_text(spec, with_bias: bool) -> str:
     """Per thread: gradients of the vector, and atomically of matrix and bias where they have a gradient array."""
     bias = """if (bias.gradient.data)
     for (integer n = 0; n < ROWS; ++n)
@@ -170,7 +171,7 @@ UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int b = 0; b < 2; ++b) if (2 * p 
     multiply(d[m][j], d[m][j], mine, b ? q.z : q.x, b ? q.w : q.y);
 }} }}
 """)
-    body = f"""{primitives.prelude(network)}{primitives.stage(network)}
+    body = f"""{primitives.prelude(network)}{primitives.staging(network)}
 const auto& x = v;
 const unsigned long long key = reinterpret_cast<unsigned long long>(elements);
 unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
@@ -187,7 +188,7 @@ return y;
     return cuda.when_whole_warp(network, body)
 
 
-def outer_product(spec) -> str:
+def outer_product_text(spec) -> str:
     """Body of `outer_product_accumulate`."""
     fast = tensor_outer_product(spec) if spec.format in (FLOAT16, BFLOAT16) else ""
     return f"""{accessors(spec, stride="stride")}
@@ -228,7 +229,7 @@ UNROLL for (int kb = 0; kb < {k_blocks}; ++kb) UNROLL for (int s = 0; s < 2; ++s
 }} }}
 """
     peel = fragments.for_each_network("const real* target = reinterpret_cast<const real*>(base);\n" + accumulate)
-    body = f"""{primitives.prelude(network)}{primitives.stage(network)}{cuda_adjoint.lambdas(network)}
+    body = f"""{primitives.prelude(network)}{primitives.staging(network)}{cuda_adjoint.prelude(network)}
 const unsigned long long key = reinterpret_cast<unsigned long long>(base_gradient);
 unsigned fa[2][{n_blocks}][4], fb[2][{k_blocks}][4], right[2][{k_blocks}][4];
 {fragments.read_rows(units("a", spec.rows), "fa")}
@@ -240,22 +241,12 @@ return;
     return cuda.when_whole_warp(network, body)
 
 
-def reduce_sum(n: int) -> str:
+def reduce_sum_text(n: int) -> str:
     """Body of `reduce_sum_accumulate`: a warp that arrives whole with one target adds its sum once."""
     return f"""using real = wp::float32; using integer = wp::int32;
 real* const target = gradient.data + offset;
 #if defined(__CUDA_ARCH__)
-{ADD}
-if (__activemask() == 0xffffffffu) {{
-const unsigned long long key = reinterpret_cast<unsigned long long>(target);
-if (__all_sync(0xffffffffu, key == __shfl_sync(0xffffffffu, key, 0))) {{
-    for (integer i = 0; i < {n}; ++i) {{
-        real sum = static_cast<real>(v.c[i]);
-        for (integer bit = 16; bit > 0; bit /= 2) sum += __shfl_xor_sync(0xffffffffu, sum, bit);
-        if ((threadIdx.x & 31u) == 0u) add(target + i, sum);
-    }}
-    return;
-}} }}
-#endif
+{ATOMICS}
+{paste(NATIVE / "reduce_sum.cuh", N=n)}#endif
 for (integer i = 0; i < {n}; ++i) wp::atomic_add(target + i, static_cast<real>(v.c[i]));
 """

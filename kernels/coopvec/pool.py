@@ -17,7 +17,7 @@ return 0u;
 #endif
 """
 # `own_pool`: the calling warp's part, from the address `pool`
-OWN = f"""{CHUNK}
+OWN_POOL = f"""{CHUNK}
 uint4* const own_pool = static_cast<uint4*>(__cvta_shared_to_generic(pool)) + (threadIdx.x & ~31u) * CHUNK;
 """
 

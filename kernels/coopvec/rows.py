@@ -45,7 +45,7 @@ def make_of_row_together(spec: NetworkSpec, network: wp.Function) -> wp.Function
     """The same, faster on CUDA, for networks whose first layer takes rows as they stand: `can_read_together`."""
     vec_out, alone = spec.vec_out, make_of_row(network, spec.vec_in)
 
-    @wp.func_native(f"#if defined(__CUDA_ARCH__)\n{cuda.forward_rows(spec)}\n#else\nreturn {{}};\n#endif\n")
+    @wp.func_native(f"#if defined(__CUDA_ARCH__)\n{cuda.rows_text(spec)}\n#else\nreturn {{}};\n#endif\n")
     def together(params: Parameters, x: wp.array2d[wp.float16], row: int, pool: wp.uint32) -> vec_out: ...
 
     @wp.func

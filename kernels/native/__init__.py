@@ -14,13 +14,19 @@ def paste(file: Path, **constants: int | float) -> str:
 
     Pasted and not included, so that Warp's hash of a module covers it. No templates: a snippet is inside a function.
     """
-    lines = [f"constexpr {'int' if isinstance(v, int) else 'float'} {name} = {v!r};\n" for name, v in constants.items()]
-    return "".join(lines) + read(file)
+    return "".join(constant(*item) for item in constants.items()) + read(file)
+
+
+def constant(name: str, value: int | float) -> str:
+    return f"constexpr int {name} = {value:d};\n" if isinstance(value, int) else f"constexpr float {name} = {value}f;\n"
 
 
 @cache
 def read(file: Path) -> str:
     return file.read_text(encoding="utf-8")
+
+
+ATOMICS = paste(Path(__file__).with_name("atomics.cuh"))
 
 
 def unroll(text: str) -> str:

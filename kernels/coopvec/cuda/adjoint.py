@@ -10,18 +10,19 @@ products accumulate in float32, and are added to memory atomically in float32.
 Runs of equal hidden layers are loops over `l`, and the tiles of dz a loop over `nb`, or compilation would take seconds.
 """
 
+from warp_neural.kernels.coopvec import NATIVE
 from warp_neural.kernels.coopvec.cuda import fragments, primitives
-from warp_neural.kernels.coopvec.cuda.scalar import ADD
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
+from warp_neural.kernels.native import ATOMICS, paste
 from warp_neural.kernels.nn.spec import C_TYPES, FLOAT16, NetworkSpec, round_up
 
 
-def body(spec: NetworkSpec) -> str:
+def adjoint_text(spec: NetworkSpec) -> str:
     layers, _ = network_layout(spec, True)
     final = len(layers) - 1
     blocks = max(round_up(max(layer.k_pad, layer.n_pad), 16) // 16 for layer in layers)
     text = f"""{fragments.enter(spec)}
-{lambdas(spec)}
+{prelude(spec)}
 {fragments.ROWS}
 real* my_gradient = params.master.grad;
 if (my_gradient) my_gradient += static_cast<size_t>(params.network) * {spec.n_parameters};
@@ -97,22 +98,12 @@ UNROLL for (int r = 0; r < 4; ++r) {{ {statement} }}
 """
 
 
-def lambdas(spec: NetworkSpec) -> str:
+def prelude(spec: NetworkSpec) -> str:
     ones = "0x3c003c00u" if spec.format is FLOAT16 else "0x3f803f80u"
-    return f"""{primitives.mma("multiply_add", spec.format, "real")}{ADD}
+    return f"""{primitives.mma("multiply_add", spec.format, "real")}{ATOMICS}
 auto d_hidden = [](real z) -> real {{ return {spec.activation.derivative}; }};
 auto d_last = [](real z) -> real {{ return {spec.output_activation.derivative}; }};
-auto map = [&](auto f, unsigned v) {{ return pack(f(low(v)), f(high(v))); }};
-auto transposed = [](unsigned v) {{ unsigned r;
-    asm volatile("movmatrix.sync.aligned.m8n8.trans.b16 %0,%1;" : "=r"(r) : "r"(v)); return r; }};
-auto add2 = [&](real* p, real x, real y) {{
-#if __CUDA_ARCH__ >= 900
-    asm volatile("red.global.add.v2.f32 [%0],{{%1,%2}};" :: "l"(p), "f"(x), "f"(y) : "memory");
-#else
-    add(p, x); add(p + 1, y);
-#endif
-}};
-const unsigned ones = {ones};
+{paste(NATIVE / "gradients.cuh")}const unsigned ones = {ones};
 """
 
 
@@ -159,7 +150,7 @@ dz[m][b][r] = pack(low(v) * d_last(low(last_z)), high(v) * d_last(high(last_z)))
 
 
 def products(spec: NetworkSpec, layer: LayerLayout) -> str:
-    """One network's share of a layer: dW and db are added to memory, dz W to `dh`."""
+    """One network's part of a layer: dW and db are added to memory, dz W to `dh`."""
     tiles, pairs, k_blocks = layer.n_pad // 8, layer.k_pairs(spec.format), layer.k_blocks(spec.format)
     n_blocks = round_up(tiles, 2) // 2
     low, high = "dw[2 * half] * unscale", "dw[2 * half + 1] * unscale"

@@ -13,8 +13,10 @@ from dataclasses import replace
 
 import warp as wp
 
-from warp_neural.kernels.coopvec.cuda.primitives import accumulator, prelude, stage
+from warp_neural.kernels.coopvec import NATIVE
+from warp_neural.kernels.coopvec.cuda.primitives import accumulator, prelude, staging
 from warp_neural.kernels.coopvec.layout import MAGIC, LayerLayout, bias_is_half, network_layout
+from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import FLOAT16, INT8, TF32, NetworkSpec
 
 MAX_GROUP = 4  # tiles of neurons multiplied at a time: more hide latency, fewer need fewer registers
@@ -30,25 +32,6 @@ UNROLL for (int u = c; u < c + UNITS && u < {len(units)}; ++u) {{ {writes} }}
 __syncwarp();
 UNROLL for (int b = c / 2; b < (c + UNITS) / 2 && b < {len(units) // 2}; ++b)
 UNROLL for (int m = 0; m < 2; ++m) gather(m, b, {target}[m][b]);
-__syncwarp();
-}}
-"""
-
-
-def stage_rows(units: int) -> str:
-    """The same from memory: row `row` of `x` and those of the other lanes, which follow each other, 16 bytes a lane."""
-    return f"""const size_t pitch = x.strides[0];
-const size_t start = __shfl_sync(0xffffffffu, reinterpret_cast<size_t>(x.data) + row * pitch, 0);
-UNROLL for (int c = 0; c < {units}; c += UNITS) {{
-for (unsigned i = 0; i < UNITS; ++i) {{
-    const unsigned r = (32 * i + lane) / UNITS, u = lane % UNITS;
-    if (c + u < {units}) asm volatile("cp.async.cg.shared.global [%0],[%1],16;"
-        :: "r"(rows + (r * UNITS + (u ^ swizzled(r))) * 16), "l"(start + r * pitch + 16 * (c + u)) : "memory");
-}}
-asm volatile("cp.async.wait_all;" ::: "memory");
-__syncwarp();
-UNROLL for (int b = c / 2; b < (c + UNITS) / 2 && b < {units // 2}; ++b)
-UNROLL for (int m = 0; m < 2; ++m) gather(m, b, a[m][b]);
 __syncwarp();
 }}
 """
@@ -93,7 +76,7 @@ def read_input(spec: NetworkSpec, layer: LayerLayout, scaled: bool = True) -> st
                 words[-1] = f"x.c[{ks[0]}].u | static_cast<unsigned>(x.c[{ks[1]}].u) << 16"
         units.append(words)
     scale = f"""const real input_scale = __uint_as_float(__ldg(mine + {layer.scales})) * (1.0f / 254.0f);
-auto input_byte = [&](real x) {{  // as a share of the range from -127 to 127 steps, where saturation is free
+auto input_byte = [&](real x) {{  // as a fraction of the range from -127 to 127 steps, where saturation is free
     return __float_as_uint(fmaf(__saturatef(fmaf(x, input_scale, 0.5f)), 254.0f, {MAGIC - 127}f)); }};
 """
     return (scale if format is INT8 and scaled else "") + read_rows(units, "a")
@@ -124,10 +107,10 @@ def pre_activation(spec: NetworkSpec, layer: LayerLayout) -> str:
     """A lambda `z_value(m, j, h, e)`: one pre-activation as float32, neuron 8 (j0 + j) + 2 t + e of row (m, h)."""
     more = ""
     if spec.format is INT8:
-        shares = bias_words(spec, replace(layer, bias=layer.shares), "j0 + j", "row[2 * m + h]")
-        more = f"""auto share_value = [&](int m, int j, int h, int e) -> real {{  // of the next layer's largest input
+        biases = bias_words(spec, replace(layer, bias=layer.fractions), "j0 + j", "row[2 * m + h]")
+        more = f"""auto fraction_value = [&](int m, int j, int h, int e) -> real {{  // of the next layer's largest
 real c[4], r;
-{shares}
+{biases}
 asm("fma.rn.sat.f32 %0,%1,%2,%3;" : "=f"(r) : "f"(__int_as_float(d[m][j][2 * h + e])),
     "f"(__uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 3}))), "f"(c[2 * h + e]));
 return r; }};
@@ -202,15 +185,10 @@ def group_of(tiles: int) -> int:
 def enter(spec: NetworkSpec) -> str:
     """The lambdas, and this thread's network: `mine` its parameters, `key` the same as a number."""
     _, words = network_layout(spec, True)
-    return f"""{prelude(spec)}{stage(spec)}
+    return f"""{prelude(spec)}{staging(spec)}
 const unsigned* mine = params.packed.data + static_cast<size_t>(params.network) * {words};
 const unsigned long long key = reinterpret_cast<unsigned long long>(mine);
 """
 
 
-ROWS = """const unsigned alike = __match_any_sync(0xffffffffu, key);  // lanes with this lane's network
-const unsigned peers = __popc(alike), rank = __popc(alike & ((1u << lane) - 1u));
-const unsigned* row[4];
-UNROLL for (int i = 0; i < 4; ++i)
-    row[i] = reinterpret_cast<const unsigned*>(__shfl_sync(0xffffffffu, key, 8 * i + static_cast<int>(g)));
-"""
+ROWS = paste(NATIVE / "network_rows.cuh")

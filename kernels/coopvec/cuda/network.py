@@ -5,6 +5,7 @@ The names in the text are those of `fragments`.
 
 import warp as wp
 
+from warp_neural.kernels.coopvec import NATIVE
 from warp_neural.kernels.coopvec.cuda import adjoint as cuda_adjoint
 from warp_neural.kernels.coopvec.cuda import scalar as cuda_scalar
 from warp_neural.kernels.coopvec.cuda.fragments import (
@@ -16,28 +17,28 @@ from warp_neural.kernels.coopvec.cuda.fragments import (
     masked_products,
     pre_activation,
     read_input,
-    stage_rows,
     start_tile,
     write_rows,
 )
 from warp_neural.kernels.coopvec.cuda.primitives import accumulator, packs_halves
 from warp_neural.kernels.coopvec.layout import LayerLayout, bias_joins_relu, network_layout
-from warp_neural.kernels.native import unroll
+from warp_neural.kernels.native import paste, unroll
 from warp_neural.kernels.nn.activations import leaky_relu, linear, relu
 from warp_neural.kernels.nn.spec import BFLOAT16, C_TYPES, FLOAT16, INT8, TF32, NetworkSpec
 
 
-def forward(spec: NetworkSpec) -> str:
+def network_text(spec: NetworkSpec) -> str:
     """The snippet's CUDA body."""
     if spec.format.k_step == 0:
-        return types(spec) + cuda_scalar.forward(spec)
+        return types(spec) + cuda_scalar.network_text(spec)
     body = whole_warp(spec, read_input(spec, network_layout(spec, True)[0][0]))
-    return types(spec) + when_whole_warp(spec, body) + cuda_scalar.forward(spec)
+    return types(spec) + when_whole_warp(spec, body) + cuda_scalar.network_text(spec)
 
 
-def forward_rows(spec: NetworkSpec) -> str:
-    """The body of `(params, x: array2d, row) -> y` for a whole warp with consecutive rows of x, see `rows`."""
-    return types(spec) + when_whole_warp(spec, whole_warp(spec, stage_rows(spec.sizes[0] // 8))) + "return y;\n"
+def rows_text(spec: NetworkSpec) -> str:
+    """The body of `(params, x: array2d, row, pool) -> y` for a whole warp with consecutive rows of x, see `rows`."""
+    read = paste(NATIVE / "stage_rows.cuh", INPUT_UNITS=spec.sizes[0] // 8)
+    return types(spec) + when_whole_warp(spec, whole_warp(spec, read)) + "return y;\n"
 
 
 def types(spec: NetworkSpec) -> str:
@@ -69,12 +70,12 @@ return y;
 """
 
 
-def adjoint(spec: NetworkSpec) -> str:
+def adjoint_text(spec: NetworkSpec) -> str:
     """The adjoint snippet's CUDA body: 16-bit formats on tensor cores, the others in per-thread arithmetic."""
     start = f"wp::vec_t<{spec.sizes[0]}, {C_TYPES[spec.dtype]}> dx;\n"
     if spec.format not in (FLOAT16, BFLOAT16) or max(spec.sizes) > 128:
-        return start + cuda_scalar.adjoint(spec, warps=True)
-    return start + when_whole_warp(spec, cuda_adjoint.body(spec)) + cuda_scalar.adjoint(spec, warps=False)
+        return start + cuda_scalar.adjoint_text(spec, warps=True)
+    return start + when_whole_warp(spec, cuda_adjoint.adjoint_text(spec)) + cuda_scalar.adjoint_text(spec, warps=False)
 
 
 def when_whole_warp(spec: NetworkSpec, body: str) -> str:
@@ -176,7 +177,7 @@ def to_next(spec: NetworkSpec, layer: LayerLayout) -> str:
     else:
         function, z, scale = "pack", "hidden(z_value(m, j + {o}, h, {e}))", ""
         if format is INT8 and spec.activation is relu:
-            function, z = "pack_share", "share_value(m, j + {o}, h, {e})"
+            function, z = "pack_fractions", "fraction_value(m, j + {o}, h, {e})"
         elif format is INT8:
             scale = f" * (__uint_as_float(__ldg(row[2 * m + h] + at + {layer.scales + 2})) * 127.0f)"
         word = f"{function}({', '.join(z.format(o=o, e=e) + scale for o in (0, 1) for e in (0, 1))})"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import warp as wp
 
+from warp_neural.kernels.coopvec import NATIVE
 from warp_neural.kernels.coopvec.formats import DECODE, ENCODE
 from warp_neural.kernels.coopvec.fragment_layout import Text
 from warp_neural.kernels.coopvec.layout import (
@@ -17,56 +18,9 @@ from warp_neural.kernels.coopvec.layout import (
     bias_layout,
     network_layout,
 )
+from warp_neural.kernels.native import ATOMICS, paste
 from warp_neural.kernels.nn.activations import relu
 from warp_neural.kernels.nn.spec import C_TYPES, FLOAT32, INT8, NetworkSpec
-
-# atomicAdd takes generic addresses, for which the compiler also generates a loop over shared memory
-ADD = """
-auto add = [](real* p, real v) { asm volatile("red.global.add.f32 [%0],%1;" :: "l"(p), "f"(v) : "memory"); };
-"""
-
-
-# of a whole warp's samples: lane l adds up column l of 32, to add it to memory once instead of 32 times
-SUMS = (
-    """
-struct Sums {
-static __device__ __noinline__ void of(const real* h, const real* dz, int k, int n, real* weights, real* biases) {"""
-    + ADD
-    + """
-    const int lane = threadIdx.x & 31;
-    for (int first = 0; first < k; first += 32) {
-        real v[32];  // this lane's sample; then of sample i, transposed
-        #pragma unroll
-        for (int i = 0; i < 32; ++i) v[i] = first + i < k ? h[first + i] : 0.0f;
-        #pragma unroll
-        for (int bit = 16; bit > 0; bit /= 2)
-        #pragma unroll
-        for (int i = 0; i < 32; ++i) if (!(i & bit)) {
-            const bool high = lane & bit;
-            const real other = __shfl_xor_sync(0xffffffffu, high ? v[i] : v[i | bit], bit);
-            if (high) v[i] = other; else v[i | bit] = other;
-        }
-        for (int row = 0; row < n; ++row) {
-            const real mine = dz[row];
-            real w = 0.0f, b = 0.0f;
-            #pragma unroll
-            for (int i = 0; i < 32; ++i) {
-                const real d = __shfl_sync(0xffffffffu, mine, i);
-                w = fmaf(d, v[i], w);
-                b += d;
-            }
-            if (first + lane < k) add(weights + row * k + first + lane, w);
-            if (first + lane == 0) add(biases + row, b);
-        }
-    }
-} };
-bool together = __activemask() == 0xffffffffu;
-if (together) {
-    const size_t mine = reinterpret_cast<size_t>(gradient), first = __shfl_sync(0xffffffffu, mine, 0);
-    together = __all_sync(0xffffffffu, mine == first) && gradient;
-}
-"""
-)
 
 
 def conversions(spec: NetworkSpec) -> str:
@@ -145,7 +99,7 @@ def layer_input(spec: NetworkSpec, i: int, index: str = "k") -> str:
 
 
 def run_layers(spec: NetworkSpec) -> str:
-    """Pre-activations `z0`, `z1`, ... of every layer; INT8 before ReLU: in shares of the next layer's largest input."""
+    """Pre-activations `z0`, `z1`, ... of every layer; INT8 before ReLU: fractions of the next layer's largest."""
     layers, words = network_layout(spec, True)
     text = (
         conversions(spec)
@@ -161,8 +115,8 @@ const unsigned* net = params.packed.data + static_cast<size_t>(params.network) *
         start = "0.0f" if spec.format is INT8 or late else load_bias(spec, layer)
         finish = f"round_half(acc + {load_bias(spec, layer)})" if late else "acc"
         if spec.format is INT8 and spec.activation is relu and not is_last:
-            share = f"__uint_as_float(__ldg(net + {layer.scales + 3}))"
-            finish = f"fmaf(acc + {MAGIC}f, {share}, {load_bias(spec, replace(layer, bias=layer.shares))})"
+            fraction = f"__uint_as_float(__ldg(net + {layer.scales + 3}))"
+            finish = f"fmaf(acc + {MAGIC}f, {fraction}, {load_bias(spec, replace(layer, bias=layer.fractions))})"
         elif spec.format is INT8:
             finish = f"fmaf(acc, __uint_as_float(__ldg(net + {layer.scales + 1})), {load_bias(spec, layer)})"
         text += f"""real z{i}[{layer.n}];
@@ -181,7 +135,7 @@ z{i}[n] = {finish};
     return text
 
 
-def forward(spec: NetworkSpec) -> str:
+def network_text(spec: NetworkSpec) -> str:
     """Returns the result; the caller has named the types `Params`, `X` and `Y`.
 
     A function of its own, never inlined, or a network 256 wide would take the compiler three times as long.
@@ -203,7 +157,7 @@ return result;
 """
 
 
-def adjoint(spec: NetworkSpec, warps: bool) -> str:
+def adjoint_text(spec: NetworkSpec, warps: bool) -> str:
     """Returns `dx`, adds to the gradient of the master parameters; `dy` is the gradient of the result.
 
     warps: whole warps may arrive with one network, and then sum their gradients first.
@@ -213,10 +167,10 @@ def adjoint(spec: NetworkSpec, warps: bool) -> str:
     text = f"""{run_layers(spec)}
 auto d_hidden = [](real z) -> real {{ return {spec.activation.derivative}; }};
 auto d_last = [](real z) -> real {{ return {spec.output_activation.derivative}; }};
-{ADD}
+{ATOMICS}
 real* gradient = params.master.grad;
 if (gradient) gradient += static_cast<size_t>(params.network) * {spec.n_parameters};
-{SUMS if warps else "constexpr bool together = false;"}
+{paste(NATIVE / "warp_sums.cuh") if warps else "constexpr bool together = false;"}
 real dz{final}[{spec.sizes[-1]}];
 #pragma unroll 4
 for (int n = 0; n < {spec.sizes[-1]}; ++n) dz{final}[n] = static_cast<real>(dy.c[n]) * d_last(z{final}[n]);

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import warp as wp
 
 from warp_neural.kernels.errors import LARGEST, is_finite, require, require_whole
+from warp_neural.kernels.native import ATOMICS
 from warp_neural.kernels.nn.spec import Parameters
 
 UNROLL = """
@@ -28,33 +29,7 @@ UNROLL = """
 WHOLE = "constexpr int part = 0, parts = 1, lane = 0, lanes = 1;\n"
 WHOLE += "constexpr bool shared_sums = true, direct_sums = true;\n"
 
-# `add(place, value)`, `add2`, `add4`: to the gradient, at an address aligned to as many floats
-ADD = """
-#if defined(__CUDA_ARCH__)
-auto add = [](real* a, real x) { asm volatile("red.global.add.f32 [%0],%1;" :: "l"(a), "f"(x) : "memory"); };
-auto add2 = [&](real* a, real x, real y) {
-#if __CUDA_ARCH__ >= 900
-    asm volatile("red.global.add.v2.f32 [%0],{%1,%2};" :: "l"(a), "f"(x), "f"(y) : "memory");
-#else
-    add(a, x); add(a + 1, y);
-#endif
-};
-auto add4 = [&](real* a, real x, real y, real z, real w) {
-#if __CUDA_ARCH__ >= 900
-    asm volatile("red.global.add.v4.f32 [%0],{%1,%2,%3,%4};" :: "l"(a), "f"(x), "f"(y), "f"(z), "f"(w) : "memory");
-#else
-    add2(a, x, y); add2(a + 2, z, w);
-#endif
-};
-#else
-auto add = [](real* a, real x) { *a += x; };
-auto add2 = [](real* a, real x, real y) { a[0] += x; a[1] += y; };
-auto add4 = [](real* a, real x, real y, real z, real w) { a[0] += x; a[1] += y; a[2] += z; a[3] += w; };
-#endif
-"""
-
-
-ENTER_ADJOINT = f"real* const grad = params.master.grad ? params.master.grad + start : nullptr;\n{ADD}"
+ENTER_ADJOINT = f"real* const grad = params.master.grad ? params.master.grad + start : nullptr;\n{ATOMICS}"
 
 
 @dataclass(frozen=True)

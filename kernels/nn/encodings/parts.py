@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import warp as wp
 
-from warp_neural.kernels.native import paste
-from warp_neural.kernels.nn.encodings.base import ADD, UNROLL, WHOLE, Leaf, enter
+from warp_neural.kernels.native import ATOMICS, paste
+from warp_neural.kernels.nn.encodings.base import UNROLL, WHOLE, Leaf, enter
 from warp_neural.kernels.nn.spec import Parameters
 
 NATIVE = Path(__file__).parent / "native"
@@ -56,7 +56,7 @@ def leaf_adjoint_text(leaf: Leaf, start: int) -> str:
 def make_adjoint_part(leaf: Leaf, vec_in: type, start: int) -> wp.Function:
     """`(params, x, dy, which, of)`: adds to `params.master.grad`, but for shared sums; of: which lane."""
     vec_out = vec_part(leaf)
-    begin = enter(leaf.inputs, start, 0) + "real* const grad = params.master.grad + start;\n" + ADD
+    begin = enter(leaf.inputs, start, 0) + "real* const grad = params.master.grad + start;\n" + ATOMICS
     begin += "constexpr bool shared_sums = false, direct_sums = true;\n"
 
     @wp.func_native(begin + each_part(leaf, leaf_adjoint_text(leaf, start)))
@@ -83,7 +83,7 @@ def make_shared_sums(leaf: Leaf, vec_in: type, start: int) -> SharedSums:
     add_text += (
         f"real* const grad = memory.data.ptr;\n{paste(NATIVE / 'add_shared.cuh')}{leaf_adjoint_text(leaf, start)}"
     )
-    flush_text = f"using real = wp::float32;\nreal* const grad = params.master.grad + {start};\n{ADD}"
+    flush_text = f"using real = wp::float32;\nreal* const grad = params.master.grad + {start};\n{ATOMICS}"
 
     @wp.func_native(paste(NATIVE / "clear_sums.cuh", **sizes))
     def clear(memory: memory_of): ...

@@ -15,10 +15,10 @@ from functools import cache
 import warp as wp
 
 from warp_neural.kernels.coopvec.cpu.math import on_vectors
-from warp_neural.kernels.coopvec.cpu.network import LANES, ROUND, result, vector_prelude
+from warp_neural.kernels.coopvec.cpu.network import LANES, result, vector_prelude
 from warp_neural.kernels.coopvec.layout import bias_joins_relu, network_layout
 from warp_neural.kernels.nn.activations import SAME_SLOPE
-from warp_neural.kernels.nn.spec import NetworkSpec, round_up
+from warp_neural.kernels.nn.spec import FLOAT32, NetworkSpec, round_up
 
 CHUNK = 64  # samples, a multiple of ROWS
 
@@ -160,7 +160,7 @@ def chunk_forward_text(spec: NetworkSpec) -> str:
     """`(params, scratch, count)`: all layers of the first `count` samples."""
     text = enter(spec) + PARAMETERS
     k = round_up(spec.sizes[0], LANES)
-    if ROUND[spec.format] != "return z;":
+    if spec.format is not FLOAT32:
         text += f"for (int i = 0; i < count * {k}; i += {LANES}) store(h0 + i, rounded(load(h0 + i)));\n"
     return text + "".join(forward_layer(spec, l) for l in range(len(spec.layers)))
 
