@@ -33,7 +33,7 @@ def torch_model(layers: Layers):
 
 
 def weights_and_biases(net: MLP) -> Layers:
-    return list(zip(net.weights, net.biases, strict=True))
+    return [(weights.copy(), biases.copy()) for weights, biases in zip(net.weights, net.biases, strict=True)]
 
 
 def drjit_types(cuda: bool) -> tuple:

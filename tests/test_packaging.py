@@ -24,7 +24,8 @@ __all__ = ["get_kernel"]
 
 def python(*arguments, path: Path | None, cwd: Path) -> str:
     """What a Python started in `cwd`, with `path` before all that is installed, prints."""
-    environment = os.environ | ({"PYTHONPATH": str(path)} if path else {})
+    paths = [str(path)] * (path is not None) + os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
     run = subprocess.run([sys.executable, *arguments], cwd=cwd, env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return run.stdout
