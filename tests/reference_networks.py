@@ -76,7 +76,7 @@ def rounded(x, format):
     if format == "tf32":  # cvt.rna: ties away from zero
         return ((x.view(np.uint32) + 0x1000) & 0xFFFFE000).view(np.float32)
     if format == "int8":
-        return np.rint(np.clip(x, -127, 127))
+        return np.rint(np.clip(x, -128, 127))
     if format in ("e4m3", "e5m2"):
         largest = np.float32(ml_dtypes.finfo(FORMATS[format]).max)
         x = np.clip(x, -largest, largest)

@@ -7,16 +7,37 @@ import pytest
 import warp as wp
 
 from warp_neural import MLP, InputError
-from warp_neural.coopvec import check_combination, combination_table, supported_combinations
+from warp_neural.coopvec import MatrixSpec, check_combination, combination_table, supported_combinations
 from warp_neural.kernels.nn.spec import FORMATS, NetworkSpec
+
+# Vulkan specification, VkCooperativeVectorPropertiesNV: the combinations that every device must take
+REQUIRED = """
+FLOAT16 FLOAT16      FLOAT16 FLOAT16 FLOAT16
+UINT32  SINT8_PACKED SINT8   SINT32  SINT32
+SINT8   SINT8        SINT8   SINT32  SINT32
+FLOAT32 SINT8        SINT8   SINT32  SINT32
+FLOAT16 FLOAT_E4M3   FLOAT_E4M3 FLOAT16 FLOAT16
+FLOAT16 FLOAT_E5M2   FLOAT_E5M2 FLOAT16 FLOAT16
+"""
+
+
+@pytest.mark.parametrize("row", REQUIRED.strip().splitlines())
+def test_every_row_that_vulkan_requires(row, device):
+    types = [name.lower().replace("sint", "int").removeprefix("float_") for name in row.split()]
+    assert types in [list(vars(c).values())[:5] for c in supported_combinations(device)]
+
+
+def test_packed_types_of_every_8_bit_format(device):
+    packed = {c.input_interpretation for c in supported_combinations(device) if c.input_type == "uint32"}
+    assert packed == {"int8_packed", "e4m3_packed", "e5m2_packed"}
 
 
 def test_combinations(device):
-    """All that a network takes and nothing else; tensor cores multiply what the architecture has."""
+    """All that a network takes, whole numbers and packed ones besides; tensor cores multiply what there are."""
     combinations = supported_combinations(device)
-    assert len(combinations) == len(set(combinations)) == 26
+    assert len(combinations) == len(set(combinations)) == 42
     for c in combinations:
-        oldest = FORMATS[c.input_interpretation].min_arch
+        oldest = FORMATS[c.matrix_interpretation].min_arch
         assert c.native == (device.is_cuda and oldest > 0 and device.arch >= oldest)
     taken = {(c.input_interpretation, c.accumulation.replace("int32", "float32"), c.input_type) for c in combinations}
     for kind in itertools.product(FORMATS, ("float32", "float16"), (wp.float32, wp.float16, wp.float64)):
@@ -31,6 +52,11 @@ REFUSED = [
     (("float16", "float32", wp.float64), "expected wp.float32 or wp.float16"),
     (("float16", "float32", wp.float32, "float16"), "bias='float16': expected float32"),
     (("float16", "float16", wp.float32, "bfloat16"), "bias='bfloat16': expected one of float32, float16"),
+    (("float16", "float32", wp.uint32), "dtype=.*: expected wp.float32 or wp.float16, the vectors'"),
+    (("e4m3", "float32", wp.int8), "dtype=.*: expected wp.float32 or wp.float16, wp.uint32, four 8-bit values in each"),
+    (("int8", "float32", wp.int32), "dtype=.*: expected wp.float32 or wp.float16, wp.int8, wp.uint32, four 8-bit"),
+    (("int8", "float32", wp.int8, "float32"), "bias='float32': expected int32"),
+    (("int8", "float32", wp.float32, "int32"), "bias='int32': expected float32"),
 ]
 
 
@@ -46,9 +72,24 @@ def test_unsupported_combination_shows_the_table(arguments, reason, device):
 def test_supported_combinations_pass(device):
     for c in supported_combinations(device):
         accumulation = c.accumulation.replace("int32", "float32")
-        check_combination(
-            c.input_interpretation, accumulation, getattr(wp, c.input_type), c.bias_interpretation, device
-        )
+        dtype, result = getattr(wp, c.input_type), getattr(wp, c.result_type)
+        check_combination(c.matrix_interpretation, accumulation, dtype, c.bias_interpretation, device, result=result)
+
+
+def test_result_types():
+    for arguments, expected in [
+        (("int8", wp.int8, wp.float32), "wp.int32"),
+        (("float16", wp.float32, wp.float16), "wp.float32"),
+        (("int8", wp.float16, wp.float32), "wp.float16 or wp.int32"),
+        (("e5m2", wp.uint32, wp.int32), "wp.float32 or wp.float16"),
+    ]:
+        precision, dtype, result = arguments
+        with pytest.raises(InputError, match=f"result=.*: expected {expected}"):
+            MatrixSpec(3, 5, precision, dtype=dtype, result=result)
+    assert MatrixSpec(3, 5, "int8", dtype=wp.int8) == MatrixSpec(
+        3, 5, "int8", "inferencing_optimal", False, wp.int8, bias="int32", result=wp.int32
+    )
+    assert MatrixSpec(3, 5, "e4m3", dtype=wp.uint32).vec_in == wp.types.vector(2, wp.uint32)
 
 
 def test_networks_refuse_in_one_line():

@@ -77,6 +77,20 @@ def test_operations_compile_for_hopper(tmp_path):
     assert artifact.stat().st_size > 0
 
 
+@pytest.mark.parametrize("precision, dtype", [("int8", wp.int8), ("int8", wp.uint32), ("e5m2", wp.uint32)])
+def test_packed_and_whole_numbers_compile_for_hopper(precision, dtype, tmp_path):
+    spec = MatrixSpec(256, 33, precision, dtype=dtype)
+    matmul_add, vec_in, vec_out = make_matmul_add(spec), spec.vec_in, spec.vec_out
+
+    @wp.kernel(module="unique")
+    def kernel(x: wp.array[vec_in], matrix: Buffer, bias: Buffer, y: wp.array[vec_out]):
+        i = wp.tid()
+        y[i] = matmul_add(x[i], matrix, 0, 0, bias, 0)
+
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
 ENCODED = encodings.Concatenate((encodings.Identity(), encodings.LatentTexture(9, 9, 8)))
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
+from products import ROOM, N, bias_buffer, choose, matrix_buffer, positions, small_integers, vectors
 
-from warp_neural.kernels.coopvec.formats import make_encode
 from warp_neural.kernels.coopvec.operations import (
     Buffer,
     MatrixSpec,
@@ -13,99 +13,30 @@ from warp_neural.kernels.coopvec.operations import (
     make_outer_product_accumulate,
     make_reduce_sum_accumulate,
 )
-from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, E5M2, FLOAT16, FLOAT32, INT8, TF32
+from warp_neural.kernels.coopvec.product_types import product_types
+from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, FLOAT16, FLOAT32, FORMATS
 
-N, ROWS, COLUMNS, ROOM = 77, 20, 33, 4096  # threads (no multiple of 32), matrix size, elements set aside for a matrix
-FORMATS = [FLOAT32, TF32, FLOAT16, BFLOAT16, E4M3, E5M2, INT8]
-ids = lambda value: getattr(value, "name", str(value))  # noqa: E731
-
-
-def positions(layout, format, rows, columns):
-    """[rows, columns] element positions in a buffer, by walking the buffer in the order that the lanes load it."""
-    place = np.full((rows + 64, columns + 64), -1)
-    if layout == "row_major" or (layout == "inferencing_optimal" and format is FLOAT32):
-        pitch = columns if layout == "row_major" else -(-columns // 4) * 4
-        return np.arange(rows)[:, None] * pitch + np.arange(columns)
-    if layout == "column_major":
-        return np.arange(columns)[None, :] * rows + np.arange(rows)[:, None]
-    at = 0
-    if layout == "training_optimal":
-        for tile_n in range(0, rows, 16):
-            for tile_k in range(0, columns, 8):
-                for lane in range(32):
-                    for half in (0, 8):
-                        for odd in (0, 1):
-                            place[tile_n + half + lane // 4, tile_k + lane % 4 * 2 + odd] = at
-                            at += 1
-        return place[:rows, :columns]
-    blocks = -(-columns // format.k_step)
-    columns_of = {16: (0, 1), 8: (0, 1, 8, 9), 32: (0,)}[format.bits]
-    for tile_n in range(0, rows, 8):
-        for pair in range(0, blocks, 2):
-            for lane in range(32):
-                for block in (pair, pair + 1):
-                    for register in (0, 1):
-                        first = block * format.k_step + lane % 4 * 2
-                        first += register if format is TF32 else register * format.k_step // 2
-                        for offset in columns_of:
-                            if first + offset < place.shape[1]:
-                                place[tile_n + lane // 4, first + offset] = at
-                            at += 1
-    return place[:rows, :columns]
+ROWS, COLUMNS = 20, 33
+CASES = [(ROWS, COLUMNS, f, layout) for f in FORMATS for layout in ("inferencing_optimal", "row_major")]
+CASES += [(COLUMNS, ROWS, "float16", layout, True) for layout in ("column_major", "training_optimal")]
+CASES += [(COLUMNS, ROWS, f, "inferencing_optimal", True) for f in ("float16", "e4m3", "int8")]
+SPECS = [MatrixSpec(*case) for case in CASES]
+for name, format in FORMATS.items():  # every combination of types
+    for accumulation, dtype, result, bias in product_types(format):
+        SPECS.append(MatrixSpec(ROWS, COLUMNS, name, "inferencing_optimal", False, dtype, accumulation, bias, result))
 
 
-def encoded(format, values):
-    """Bits of each value, as unsigned integers of the format's width."""
-    encode = make_encode(format)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def encode_kernel(x: wp.array[float], y: wp.array[wp.uint32]):
-        i = wp.tid()
-        y[i] = encode(x[i])
-
-    bits = wp.zeros(values.size, dtype=wp.uint32, device="cpu")
-    x = wp.array(values.astype(np.float32).ravel(), dtype=float, device="cpu")
-    wp.launch(encode_kernel, values.size, inputs=[x], outputs=[bits], device="cpu")
-    return bits.numpy().astype({8: np.uint8, 16: np.uint16, 32: np.uint32}[format.bits]).reshape(values.shape)
+def describe(spec):
+    """A test's name."""
+    types = spec.dtype.__name__, spec.precision, spec.accumulation, spec.bias, spec.result.__name__
+    return "-".join((*types, spec.layout, *(["transposed"] if spec.transpose else [])))
 
 
-def matrix_buffer(matrices, layout, format, device):
-    """A Buffer of several matrices, ROOM elements apart, with room for gradients."""
-    data = np.zeros((len(matrices), ROOM), encoded(format, np.zeros(1)).dtype)
-    for matrix, row in zip(matrices, data, strict=True):
-        row[positions(layout, format, *matrix.shape)] = encoded(format, matrix)
-    buffer = Buffer()
-    buffer.data = wp.array(data.view(np.uint32).ravel(), dtype=wp.uint32, device=device)
-    buffer.gradient = wp.zeros(data.size, dtype=float, device=device)
-    return buffer
-
-
-def bias_buffer(biases, device):
-    buffer = Buffer()
-    buffer.data = wp.array(biases.astype(np.float32).view(np.uint32).ravel(), dtype=wp.uint32, device=device)
-    buffer.gradient = wp.zeros(biases.size, dtype=float, device=device)
-    return buffer
-
-
-def small_integers(rng, *shape):
-    return rng.integers(-3, 4, shape).astype(np.float64)
-
-
-def choose(divergence):
-    """(matrix of each thread, which threads take part): all alike, three matrices interleaved, a quarter returned."""
-    threads = np.arange(N)
-    return threads * 7 % 3 if divergence == 1 else threads * 0, threads % 4 != 0 if divergence == 2 else threads >= 0
-
-
-CASES = [(f, layout, False, "float32") for f in FORMATS for layout in ("inferencing_optimal", "row_major")]
-CASES += [(FLOAT16, layout, True, "float32") for layout in ("inferencing_optimal", "column_major", "training_optimal")]
-CASES += [(f, "inferencing_optimal", True, "float16") for f in (FLOAT16, E4M3)]
-
-
-@pytest.mark.parametrize("format, layout, transpose, accumulation", CASES, ids=ids)
-def test_matmul_add_and_its_adjoint_are_exact(format, layout, transpose, accumulation, device):
-    spec = MatrixSpec(ROWS, COLUMNS, format.name, layout, transpose, accumulation=accumulation)
+@pytest.mark.parametrize("spec", dict.fromkeys(SPECS), ids=describe)
+def test_matmul_add_and_its_adjoint_are_exact(spec, device):
     matmul_add, vec_in, vec_out = make_matmul_add(spec), spec.vec_in, spec.vec_out
+    rows, columns, format, transpose = spec.rows, spec.columns, spec.format, spec.transpose
+    bias_bytes = np.dtype(spec.bias).itemsize * rows
 
     @wp.kernel(module="unique")
     def kernel(
@@ -117,30 +48,33 @@ def test_matmul_add_and_its_adjoint_are_exact(format, layout, transpose, accumul
         which = int(0)
         if divergence == 1:
             which = i * 7 % 3
-        y[i] = matmul_add(x[i], matrix, which * size, 0, bias, which * wp.static(4 * ROWS))
+        y[i] = matmul_add(x[i], matrix, which * size, 0, bias, which * bias_bytes)
 
     rng = np.random.default_rng(0)
-    stored = small_integers(rng, 3, *((COLUMNS, ROWS) if transpose else (ROWS, COLUMNS)))
+    stored = small_integers(rng, 3, *((columns, rows) if transpose else (rows, columns)))
     matrices = stored.transpose(0, 2, 1) if transpose else stored
-    biases, x_values, dy = small_integers(rng, 3, ROWS), small_integers(rng, N, COLUMNS), small_integers(rng, N, ROWS)
+    biases, x_values, dy = small_integers(rng, 3, rows), small_integers(rng, N, columns), small_integers(rng, N, rows)
     for divergence in range(3):
         which, active = choose(divergence)
-        matrix, bias = matrix_buffer(stored, layout, format, device), bias_buffer(biases, device)
-        x = wp.array(x_values.astype(np.float32), dtype=vec_in, device=device, requires_grad=True)
+        matrix, bias = matrix_buffer(stored, spec.layout, format, device), bias_buffer(biases, device, spec.bias)
+        x = vectors(spec, x_values, device)
         y = wp.zeros(N, dtype=vec_out, device=device, requires_grad=True)
         with wp.Tape() as tape:
             size = ROOM * format.bits // 8
             wp.launch(kernel, N, inputs=[x, matrix, bias, divergence, size], outputs=[y], device=device)
-        tape.backward(grads={y: wp.array(dy.astype(np.float32), dtype=vec_out, device=device)})
+        tape.backward(grads={y: wp.array(dy.astype(y.numpy().dtype), dtype=vec_out, device=device)})
         expected = np.einsum("inj,ij->in", matrices[which], x_values) + biases[which]
         np.testing.assert_array_equal(y.numpy(), expected * active[:, None])
-        np.testing.assert_array_equal(x.grad.numpy(), np.einsum("inj,in->ij", matrices[which], dy) * active[:, None])
-        gradient = matrix.gradient.numpy().reshape(3, ROOM)[:, positions(layout, format, *stored.shape[1:])]
+        smooth = spec.result is not wp.int32  # whole numbers have no gradients
+        if spec.dtype in (wp.float32, wp.float16):
+            dx = np.einsum("inj,in->ij", matrices[which], dy) * active[:, None]
+            np.testing.assert_array_equal(x.grad.numpy(), smooth * dx)
+        gradient = matrix.gradient.numpy().reshape(3, ROOM)[:, positions(spec.layout, format, *stored.shape[1:])]
         for m in range(3):
             mine = (which == m) & active
-            outer = dy[mine].T @ x_values[mine]
+            outer = smooth * dy[mine].T @ x_values[mine]
             np.testing.assert_array_equal(gradient[m], outer.T if transpose else outer)
-            np.testing.assert_array_equal(bias.gradient.numpy().reshape(3, ROWS)[m], dy[mine].sum(0))
+            np.testing.assert_array_equal(bias.gradient.numpy().reshape(3, rows)[m], smooth * dy[mine].sum(0))
 
 
 def test_matmul_reads_rows_a_stride_apart(device):
@@ -165,7 +99,7 @@ def test_matmul_reads_rows_a_stride_apart(device):
     np.testing.assert_array_equal(y.numpy(), x @ matrix.T)
 
 
-@pytest.mark.parametrize("format", [FLOAT32, FLOAT16, BFLOAT16, E4M3], ids=ids)
+@pytest.mark.parametrize("format", [FLOAT32, FLOAT16, BFLOAT16, E4M3], ids=lambda format: format.name)
 @pytest.mark.parametrize("layout", ["row_major", "training_optimal"])
 def test_accumulating_operations_are_exact(format, layout, device):
     spec = MatrixSpec(ROWS, COLUMNS, format.name, layout)

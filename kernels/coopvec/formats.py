@@ -20,7 +20,7 @@ ENCODE = {
     TF32: f"{BITS} return x == x ? (b + 0x1000u) & 0xffffe000u : 0x7fffffffu;",  # cvt.rna: ties away from zero
     FLOAT16: "return wp::float_to_half(x).u;",
     BFLOAT16: f"{BITS} return x == x ? (b + 0x7fffu + (b >> 16 & 1u)) >> 16 : 0x7fffu;",
-    INT8: "return static_cast<unsigned>(static_cast<int>(wp::rint(wp::clamp(x, -127.0f, 127.0f)))) & 0xffu;",
+    INT8: "return static_cast<unsigned>(static_cast<int>(wp::rint(wp::clamp(x, -128.0f, 127.0f)))) & 0xffu;",
 }
 for format, constants in SMALL_FLOATS.items():
     ENCODE[format] = paste(NATIVE / "encode_small_float.h", **constants) + "return encode_small_float(x);"

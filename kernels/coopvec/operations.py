@@ -13,8 +13,9 @@ import warp as wp
 from warp_neural.kernels.coopvec import operations_text as text
 from warp_neural.kernels.coopvec.convert import LAYOUTS
 from warp_neural.kernels.coopvec.pool import pool
+from warp_neural.kernels.coopvec.product_types import PACKED, check_product
 from warp_neural.kernels.errors import InputError, require, require_whole
-from warp_neural.kernels.nn.spec import INT8, MAX_SIZE, Format, check_types, check_vector, format_of
+from warp_neural.kernels.nn.spec import INT8, MAX_SIZE, Format, check_vector, format_of
 
 
 @wp.struct
@@ -31,7 +32,11 @@ class MatrixSpec:
 
     precision: the format of the matrix and of the vector inside the product. layout: "row_major", "column_major",
     "inferencing_optimal" or "training_optimal" (of the stored matrix; the last for gradients). dtype: of the vectors'
-    elements. accumulation: "float32" or "float16". bias: "float32" or "float16".
+    elements, floats that are rounded to the format, `wp.int8`, or `wp.uint32` with four 8-bit values in each, the first
+    in the low byte; what lies past the last value does not matter. accumulation: "float32" (int8: stands for int32) or
+    "float16". bias: "float32", "float16" or "int32". result: of the results' elements, `wp.int32` for exact sums of
+    int8. Without them the results are floats as the vectors are (int32, of vectors of int8; float32, of packed e4m3 and
+    e5m2), the bias is int32 for int32 and otherwise float32. `coopvec.combination_table` shows what goes together.
     """
 
     rows: int
@@ -41,12 +46,15 @@ class MatrixSpec:
     transpose: bool = False
     dtype: type = wp.float32
     accumulation: str = "float32"
-    bias: str = "float32"
+    bias: str | None = None
+    result: type | None = None
 
     def __post_init__(self):
         for name in ("rows", "columns"):
             require_whole(name, getattr(self, name), 1, MAX_SIZE)
-        check_types(self.format, self.accumulation, self.dtype, self.bias)
+        types = check_product(self.format, self.accumulation, self.dtype, self.result, self.bias)
+        for name, value in zip(("result", "bias"), types, strict=True):
+            object.__setattr__(self, name, value)
         require(self.layout in LAYOUTS, "layout", self.layout, f"one of {', '.join(LAYOUTS)}")
 
     @property
@@ -55,11 +63,12 @@ class MatrixSpec:
 
     @property
     def vec_in(self) -> type:
-        return wp.types.vector(self.columns, self.dtype)
+        n = -(-self.columns // self.format.per_word) if self.dtype is PACKED else self.columns
+        return wp.types.vector(n, self.dtype)
 
     @property
     def vec_out(self) -> type:
-        return wp.types.vector(self.rows, self.dtype)
+        return wp.types.vector(self.rows, self.result)
 
 
 @cache
@@ -67,10 +76,10 @@ def make_matmul_add(spec: MatrixSpec) -> wp.Function:
     """`(v, matrix, matrix_offset, matrix_stride, bias, bias_offset) -> W v + b` (coopVecMatMulAddNV).
 
     v: `spec.vec_in`; matrix, bias: `Buffer`; offsets and the stride between rows (columns) in bytes, stride 0: tight.
-    Differentiable in v, and in matrix and bias where they have a gradient array. INT8: v is rounded to integers, the
-    products are summed exactly.
+    Differentiable in v, and in matrix and bias where they have a gradient array; results of int32 have no gradients.
+    int8: floats in v are rounded to the nearest of -128 to 127, ties to even, the products are summed exactly.
     """
-    vec_in, vec_out = spec.vec_in, spec.vec_out
+    vec_in, vec_out, differentiable = spec.vec_in, spec.vec_out, spec.result is not wp.int32
 
     @wp.func_native(text.product_text(spec, with_bias=True))
     def product(
@@ -104,7 +113,8 @@ def make_matmul_add(spec: MatrixSpec) -> wp.Function:
         bias_offset: int,
         adj_ret: vec_out,
     ):
-        wp.adjoint[v] += product_adjoint(v, matrix, matrix_offset, matrix_stride, bias, bias_offset, adj_ret)
+        if wp.static(differentiable):
+            wp.adjoint[v] += product_adjoint(v, matrix, matrix_offset, matrix_stride, bias, bias_offset, adj_ret)
 
     return matmul_add
 
@@ -112,7 +122,7 @@ def make_matmul_add(spec: MatrixSpec) -> wp.Function:
 @cache
 def make_matmul(spec: MatrixSpec) -> wp.Function:
     """`(v, matrix, matrix_offset, matrix_stride) -> W v` (coopVecMatMulNV); see `make_matmul_add`."""
-    vec_in, vec_out = spec.vec_in, spec.vec_out
+    vec_in, vec_out, differentiable = spec.vec_in, spec.vec_out, spec.result is not wp.int32
 
     @wp.func_native(text.product_text(spec, with_bias=False))
     def product(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, pool: wp.uint32) -> vec_out: ...
@@ -126,7 +136,8 @@ def make_matmul(spec: MatrixSpec) -> wp.Function:
 
     @wp.func_grad(matmul)
     def adj_matmul(v: vec_in, matrix: Buffer, matrix_offset: int, matrix_stride: int, adj_ret: vec_out):
-        wp.adjoint[v] += product_adjoint(v, matrix, matrix_offset, matrix_stride, adj_ret)
+        if wp.static(differentiable):
+            wp.adjoint[v] += product_adjoint(v, matrix, matrix_offset, matrix_stride, adj_ret)
 
     return matmul
 

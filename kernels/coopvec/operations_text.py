@@ -7,6 +7,7 @@ from warp_neural.kernels.coopvec.convert import layout_text
 from warp_neural.kernels.coopvec.cuda.operations import WORDS, tensor_outer_product, tensor_product
 from warp_neural.kernels.coopvec.formats import DECODE, ENCODE
 from warp_neural.kernels.coopvec.fragment_layout import Text
+from warp_neural.kernels.coopvec.product_types import PACKED, c_type
 from warp_neural.kernels.native import ATOMICS, paste
 from warp_neural.kernels.nn.spec import BFLOAT16, C_TYPES, FLOAT16
 
@@ -28,40 +29,52 @@ auto index = [&](integer row, integer column) -> integer {{
 """
 
 
-def weights_and_bias(spec, with_bias: bool) -> str:
-    """Lambdas `bits(n, k)` and `bias_value(n)`."""
-    word = WORDS[spec.format.bits]
-    text = f"""const auto* elements = reinterpret_cast<const {word}*>(
+def operands(spec, with_bias: bool) -> str:
+    """Lambdas: bits of the matrix, `bits(n, k)`, and of the vector in its format, `element(k)`; the bias's value."""
+    if spec.dtype is PACKED:
+        element = "v.c[k / 4] >> 8 * (k % 4) & 0xffu"
+    elif spec.dtype is wp.int8:
+        element = "static_cast<unsigned char>(v.c[k])"
+    else:
+        element = "encode(static_cast<real>(v.c[k]))"
+    text = f"""const auto* elements = reinterpret_cast<const {WORDS[spec.format.bits]}*>(
     reinterpret_cast<const char*>(matrix.data.data) + matrix_offset);
 auto bits = [&](integer n, integer k) -> unsigned {{ return elements[index(n, k)]; }};
+auto element = [&](integer k) -> unsigned {{ return {element}; }};
 """
     if with_bias:
-        kind = C_TYPES[wp.float16 if spec.bias == "float16" else wp.float32]
-        text += f"""const auto* biases = reinterpret_cast<const {kind}*>(
+        text += f"""const auto* biases = reinterpret_cast<const wp::{spec.bias}*>(
     reinterpret_cast<const char*>(bias.data.data) + bias_offset);
-auto bias_value = [&](const {kind}* b, integer n) -> real {{ return static_cast<real>(b[n]); }};
+auto bias_value = [&](const wp::{spec.bias}* b, integer n) {{ return static_cast<{number(spec)}>(b[n]); }};
 """
     return text
+
+
+def number(spec) -> str:
+    """C++ type of what is multiplied and added."""
+    return "integer" if spec.result is wp.int32 else "real"
 
 
 def product_text(spec, with_bias: bool) -> str:
     """Body of `matmul` and `matmul_add`."""
     step = spec.format.k_step
     half = spec.accumulation == "float16"
-    start = "bias_value(biases, n)" if with_bias else "0.0f"
+    exact = spec.result is wp.int32
+    start = "bias_value(biases, n)" if with_bias else "0" if exact else "0.0f"
+    factor, total = ("static_cast<signed char>", "unsigned") if exact else ("decode", "real")  # integers wrap around
     rounding = f"if ((k + 1) % {max(step, 1)} == 0 || k + 1 == {spec.columns}) sum = round_half(sum);" if half else ""
     fast = tensor_product(spec, with_bias) if step else ""
     result = "round_half(sum)" if half else "sum"
-    return f"""{accessors(spec)}{weights_and_bias(spec, with_bias)}
-wp::vec_t<{spec.rows}, {C_TYPES[spec.dtype]}> y;
+    return f"""{accessors(spec)}{operands(spec, with_bias)}
+wp::vec_t<{spec.rows}, {c_type(spec.result)}> y;
 #if defined(__CUDA_ARCH__)
 {fast}
 #endif
-real x[{spec.columns}];
-for (integer k = 0; k < {spec.columns}; ++k) x[k] = round_value(static_cast<real>(v.c[k]));
+{number(spec)} x[{spec.columns}];
+for (integer k = 0; k < {spec.columns}; ++k) x[k] = {factor}(element(k));
 for (integer n = 0; n < {spec.rows}; ++n) {{
-    real sum = {f"round_half({start})" if half else start};
-    for (integer k = 0; k < {spec.columns}; ++k) {{ sum += x[k] * decode(bits(n, k)); {rounding} }}
+    {total} sum = {f"round_half({start})" if half else start};
+    for (integer k = 0; k < {spec.columns}; ++k) {{ sum += x[k] * {factor}(bits(n, k)); {rounding} }}
     y.c[n] = {result};
 }}
 return y;
@@ -69,24 +82,25 @@ return y;
 
 
 def product_adjoint_text(spec, with_bias: bool) -> str:
-    """Per thread: gradients of the vector, and atomically of matrix and bias where they have a gradient array."""
+    """Per thread: gradients of floats in the vector, and atomically of matrix and bias where they have an array."""
     bias = """if (bias.gradient.data)
     for (integer n = 0; n < ROWS; ++n)
         wp::atomic_add(bias.gradient.data + bias_offset / SIZE + n, static_cast<real>(dy.c[n]));
 """.replace("ROWS", str(spec.rows)).replace("SIZE", "2" if spec.bias == "float16" else "4")
-    return f"""{accessors(spec)}{weights_and_bias(spec, with_bias=False)}
-wp::vec_t<{spec.columns}, {C_TYPES[spec.dtype]}> dv;
+    to_vector = f"dv.c[k] = {c_type(spec.dtype)}(sum);" if spec.dtype in C_TYPES else ""
+    return f"""{accessors(spec)}{operands(spec, with_bias=False)}
+wp::vec_t<{spec.vec_in._length_}, {c_type(spec.dtype)}> dv{{}};
 real* gradient = matrix.gradient.data;
 if (gradient) gradient += matrix_offset / {spec.format.bits // 8};
 for (integer k = 0; k < {spec.columns}; ++k) {{
-    const real x = round_value(static_cast<real>(v.c[k]));
+    const real x = decode(element(k));
     real sum = 0.0f;
     for (integer n = 0; n < {spec.rows}; ++n) {{
         const real d = static_cast<real>(dy.c[n]);
         sum += d * decode(bits(n, k));
         if (gradient) wp::atomic_add(gradient + index(n, k), d * x);
     }}
-    dv.c[k] = {C_TYPES[spec.dtype]}(sum);
+    {to_vector}
 }}
 {bias if with_bias else ""}return dv;
 """

@@ -60,16 +60,17 @@ def check_vector(n: int, dtype: type) -> None:
     require(dtype in C_TYPES, "dtype", dtype, "wp.float32 or wp.float16, the vectors' element type")
 
 
-def check_types(format: Format, accumulation: str, dtype: type, bias: str = "float32") -> None:
-    """Raise `InputError` for types that no product takes together."""
+def accumulations(format: Format) -> tuple[str, ...]:
+    """In which types its products are summed; int8 always in int32, for which "float32" stands."""
+    return ("float32", "float16") if format in (FLOAT16, E4M3, E5M2) else ("float32",)
+
+
+def check_accumulation(format: Format, accumulation: str) -> None:
     require(accumulation in ("float32", "float16"), "accumulation", accumulation, "one of float32, float16")
-    if accumulation == "float16" and format not in (FLOAT16, E4M3, E5M2):
+    if accumulation not in accumulations(format):
         raise InputError(
             f"accumulation='float16': {format.name} accumulates in float32 only; float16, e4m3 and e5m2 in float16 too"
         )
-    require(dtype in C_TYPES, "dtype", dtype, "wp.float32 or wp.float16, the vectors' element type")
-    biases = dict.fromkeys(("float32", accumulation))
-    require(bias in biases, "bias", bias, f"{'one of ' if len(biases) > 1 else ''}{', '.join(biases)}")
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,8 @@ class NetworkSpec:
     def __post_init__(self):
         if not (2 <= len(self.sizes) <= MAX_LAYERS + 1 and all(1 <= size <= MAX_SIZE for size in self.sizes)):
             raise InputError(f"sizes {self.sizes}: a network has 1 to {MAX_LAYERS} layers of sizes 1 to {MAX_SIZE}")
-        check_types(self.format, self.accumulation, self.dtype)
+        check_accumulation(self.format, self.accumulation)
+        require(self.dtype in C_TYPES, "dtype", self.dtype, "wp.float32 or wp.float16, the vectors' element type")
 
     @property
     def layers(self) -> list[tuple[int, int]]:

@@ -145,7 +145,7 @@ def convert_matrix(
     """Convert a matrix; returns the buffer that holds the result: `target`, or else new uint32 words.
 
     Values round to nearest even (tf32: ties away from zero), the 8-bit formats saturating; int8 takes whole numbers of
-    -127 to 127, without a scale. Padding of the optimal layouts becomes zero; bytes of `target` between the rows of a
+    -128 to 127, without a scale. Padding of the optimal layouts becomes zero; bytes of `target` between the rows of a
     stride stay as they are.
 
     source, target: arrays of uint32 words, uint8 bytes, or elements of the precision (float32 for tf32). The work is

@@ -5,16 +5,19 @@ from dataclasses import astuple, dataclass, fields
 import warp as wp
 
 from warp_neural.errors import InputError, find_device
-from warp_neural.kernels.nn.spec import E4M3, E5M2, FLOAT16, FORMATS, INT8, check_types, format_of
+from warp_neural.kernels.coopvec.product_types import PACKED, check_product, product_types
+from warp_neural.kernels.nn.spec import FORMATS, INT8, format_of
 
 
 @dataclass(frozen=True)
 class Combination:
     """Types that a product takes together, as in VkCooperativeVectorPropertiesNV.
 
-    transpose: whether the matrix may be read transposed. native: whether the device's tensor cores multiply it; where
-    not, per-thread arithmetic rounds at the same places. For Hopper (sm_90), `mma.sync` on e4m3 and e5m2 compiles to
-    conversions and float16 products: there they save memory, but are not faster than float16.
+    Vulkan's names: int8, int32 and uint32 are SINT8, SINT32 and UINT32; int8_packed is SINT8_PACKED, four values in
+    each uint32; e4m3 and e5m2 are FLOAT_E4M3 and FLOAT_E5M2, which may be packed here too. transpose: whether the
+    matrix may be read transposed. native: whether the device's tensor cores multiply it; where not, per-thread
+    arithmetic rounds at the same places. For Hopper (sm_90), `mma.sync` on e4m3 and e5m2 compiles to conversions and
+    float16 products: there they save memory, but are not faster than float16.
     """
 
     input_type: str
@@ -31,13 +34,18 @@ def supported_combinations(device: wp.DeviceLike = None) -> list[Combination]:
     device, combinations = find_device(device), []
     for format in FORMATS.values():
         native = device.is_cuda and format.k_step > 0 and device.arch >= format.min_arch
-        kinds = [("int32" if format is INT8 else "float32", "float32")]  # accumulation, bias
-        if format in (FLOAT16, E4M3, E5M2):
-            kinds += [("float16", "float32"), ("float16", "float16")]
-        for accumulation, bias in kinds:
-            for vector in ("float32", "float16"):
-                row = (vector, format.name, format.name, bias, vector, accumulation, True, native)
-                combinations.append(Combination(*row))
+        for accumulation, dtype, result, bias in product_types(format):
+            row = (
+                dtype.__name__,
+                f"{format.name}_packed" if dtype is PACKED else format.name,
+                format.name,
+                bias,
+                result.__name__,
+                "int32" if format is INT8 else accumulation,
+                True,
+                native,
+            )
+            combinations.append(Combination(*row))
     return combinations
 
 
@@ -55,15 +63,18 @@ def check_combination(
     precision: str,
     accumulation: str = "float32",
     dtype: type = wp.float32,
-    bias: str = "float32",
+    bias: str | None = None,
     device: wp.DeviceLike = None,
+    *,
+    result: type | None = None,
 ) -> None:
     """Raise `InputError`, with the reason and the table, unless matrices of `precision` multiply vectors of `dtype`.
 
-    accumulation: "float32" (int8: stands for int32) or "float16". bias: "float32", or "float16" with such accumulation.
+    The arguments are those of `MatrixSpec`: accumulation "float32" (int8: stands for int32) or "float16"; bias and
+    result None for what goes with the others.
     """
     try:
-        check_types(format_of(precision), accumulation, dtype, bias)
+        check_product(format_of(precision), accumulation, dtype, result, bias)
     except InputError as error:
         table = combination_table(device)
         raise InputError(f"{error}; on {find_device(device)} these are supported:\n{table}") from None

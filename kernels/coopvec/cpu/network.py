@@ -22,7 +22,7 @@ ROUND = {
     FLOAT16: "return half(z);",
     BFLOAT16: "return z == z ? value((bits(z) + 0x7fffu + (bits(z) >> 16 & 1u)) & 0xffff0000u) : z;",
     INT8: """
-z = __builtin_elementwise_min(__builtin_elementwise_max(z, v16(-127.0f)), v16(127.0f));
+z = __builtin_elementwise_min(__builtin_elementwise_max(z, v16(-128.0f)), v16(127.0f));
 return (z + 12582912.0f) - 12582912.0f;""",
 }
 

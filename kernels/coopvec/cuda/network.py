@@ -192,20 +192,22 @@ def to_output(spec: NetworkSpec) -> str:
     return "UNROLL for (int e = 0; e < 2; ++e) o[m][j0 + j][2 * e + h] = __float_as_uint(last(z_value(m, j, h, e)));"
 
 
-def write_output(spec: NetworkSpec, layer: LayerLayout) -> str:
-    """Collect each thread's own row into the vector `y`: a unit holds 8 halves, or the 4 floats 8 j + 2 t + e."""
+def write_output(spec: NetworkSpec, layer: LayerLayout, cast: str = "__uint_as_float") -> str:
+    """Collect each thread's own row into the vector `y`: a unit holds 8 halves, or the 4 words 8 j + 2 t + e."""
     parts = 1 if packs_halves(spec) else 2
     stores = []
     for unit in range(layer.n_pad // 8 * parts):
         first = unit // parts * 8 + unit % parts
         columns = [(first + 2 * t + odd, word, odd) for t, word in enumerate("xyzw") for odd in range(3 - parts)]
-        stores.append(" ".join(store(spec, n, f"v.{word}", odd) for n, word, odd in columns if n < spec.sizes[-1]))
+        stores.append(
+            " ".join(store(spec, n, f"v.{word}", odd, cast) for n, word, odd in columns if n < spec.sizes[-1])
+        )
     return write_rows(len(stores), f"o[i / 2][u / {parts}][u % {parts} * 2 + i % 2]", stores)
 
 
-def store(spec: NetworkSpec, n: int, word: str, odd: int) -> str:
+def store(spec: NetworkSpec, n: int, word: str, odd: int, cast: str) -> str:
     if not packs_halves(spec):
-        return f"y.c[{n}] = __uint_as_float({word});"
+        return f"y.c[{n}] = {cast}({word});"
     if spec.dtype is wp.float16:
         return f"y.c[{n}].u = static_cast<unsigned short>({word} >> {16 * odd});"
     return f"y.c[{n}] = half_{('low', 'high')[odd]}({word});"

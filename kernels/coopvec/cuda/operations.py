@@ -7,6 +7,7 @@ from warp_neural.kernels.coopvec.cuda import fragments, primitives
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.fragment_layout import Text, accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout
+from warp_neural.kernels.coopvec.product_types import PACKED
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.spec import C_TYPES, INT8, NetworkSpec, round_up
 
@@ -17,7 +18,7 @@ def as_network(spec) -> tuple[NetworkSpec, LayerLayout]:
     """The product as a network of one layer, for the texts of `fragments`."""
     network = NetworkSpec(
         (spec.columns, spec.rows), activations.linear, activations.linear, spec.format, spec.accumulation,
-        spec.dtype,
+        spec.result if spec.result in C_TYPES else wp.float32,
     )  # fmt: skip
     k_pad, n_pad = round_up(spec.columns, spec.format.k_step), round_up(spec.rows, 8)
     return network, LayerLayout(spec.columns, spec.rows, k_pad, n_pad, 0, 0, 0, 0)
@@ -46,6 +47,21 @@ UNROLL for (int r = 0; r < 4; ++r) {{
 const uint4 q = make_uint4(words[0], words[1], words[2], words[3]);"""
 
 
+def read_vector(spec, network: NetworkSpec, layer: LayerLayout) -> str:
+    """The thread's own vector as the A operand `a`."""
+    if spec.dtype in C_TYPES:
+        return fragments.read_input(network, layer, scaled=False)
+    units = []
+    for unit in range(layer.k_pad // 16):
+        first = [16 * unit + 2 * lane for lane in range(4)]  # columns k, k + 1, k + 8, k + 9
+        units.append([f"pair({k}) | pair({k + 8}) << 16" for k in first])
+    if spec.dtype is PACKED:
+        pair = f"k < {spec.columns} ? v.c[k / 4] >> 8 * (k % 4) & (k + 1 < {spec.columns} ? 0xffffu : 0xffu) : 0u"
+    else:
+        pair = f"(k < {spec.columns} ? element(k) : 0u) | (k + 1 < {spec.columns} ? element(k + 1) << 8 : 0u)"
+    return f"auto pair = [&](int k) -> unsigned {{ return {pair}; }};\n{fragments.read_rows(units, 'a')}"
+
+
 def tensor_product(spec, with_bias: bool) -> str:
     """The product for warps that arrive whole; several matrices in a warp are peeled as in `fragments`."""
     network, layer = as_network(spec)
@@ -54,14 +70,17 @@ def tensor_product(spec, with_bias: bool) -> str:
     parts = 2 if primitives.packs_halves(network) else 4
     bias = [f"bias_at(2 * m + h, 8 * j + 2 * t + {e})" for e in (0, 1)]
     sums = [f"d[m][j][2 * h + {e}]" for e in (0, 1)]
-    if format is INT8 or not with_bias:
-        zero = "0x4b400000" if format is INT8 else "0"  # see fragments.start_tile
+    exact = spec.result is wp.int32
+    floats_of_sums = format is INT8 and not exact  # see fragments.start_tile
+    bits, value = ("unsigned", "integer") if exact else ("__float_as_uint", "__uint_as_float")
+    if floats_of_sums or not with_bias:
+        zero = "0x4b400000" if floats_of_sums else "0"
         start = f"UNROLL for (int r = 0; r < {registers}; ++r) d[m][j][r] = {zero};"
     elif spec.accumulation == "float16":
         start = f"UNROLL for (int h = 0; h < 2; ++h) d[m][j][h] = half_pack({bias[0]}, {bias[1]});"
     else:
         start = f"UNROLL for (int h = 0; h < 2; ++h) {{ {sums[0]} = {bias[0]}; {sums[1]} = {bias[1]}; }}"
-    if format is INT8:
+    if floats_of_sums:
         add = [f" + {b}" if with_bias else "" for b in bias]
         sums = [f"__int_as_float({d}) - 12582912.0f{more}" for d, more in zip(sums, add, strict=True)]
     if spec.accumulation == "float16":
@@ -69,12 +88,12 @@ def tensor_product(spec, with_bias: bool) -> str:
     elif parts == 2:
         result = f"o[m][j][h] = half_pack({sums[0]}, {sums[1]});"
     else:
-        result = f"o[m][j][h] = __float_as_uint({sums[0]}); o[m][j][2 + h] = __float_as_uint({sums[1]});"
-    pointer = f"const {C_TYPES[wp.float16 if spec.bias == 'float16' else wp.float32]}*"
+        result = f"o[m][j][h] = {bits}({sums[0]}); o[m][j][2 + h] = {bits}({sums[1]});"
+    pointer = f"const wp::{spec.bias}*"
     rows = f"""{pointer} row_bias[4];
 UNROLL for (int i = 0; i < 4; ++i) row_bias[i] = reinterpret_cast<{pointer}>(
     __shfl_sync(0xffffffffu, reinterpret_cast<unsigned long long>(biases), 8 * i + static_cast<integer>(g)));
-auto bias_at = [&](integer i, integer n) -> real {{ return n < {spec.rows} ? bias_value(row_bias[i], n) : 0.0f; }};
+auto bias_at = [&](integer i, integer n) {{ return n < {spec.rows} ? bias_value(row_bias[i], n) : 0; }};
 """
     blocks = layer.k_blocks(format)
     multiply = fragments.for_each_network(f"""UNROLL for (int j = 0; j < {tiles}; ++j)
@@ -90,14 +109,14 @@ UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int b = 0; b < 2; ++b) if (2 * p 
 const auto& x = v;
 const unsigned long long key = reinterpret_cast<unsigned long long>(elements);
 unsigned a[2][{blocks}][4], o[2][{tiles}][{parts}];
-{fragments.read_input(network, layer, scaled=False)}
+{read_vector(spec, network, layer)}
 {rows if with_bias else ""}
 {kind} d[2][{tiles}][{registers}];
 UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {tiles}; ++j) {{ {start} }}
 {multiply}
 UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {tiles}; ++j)
 UNROLL for (int h = 0; h < 2; ++h) {{ {result} }}
-{cuda.write_output(network, layer)}
+{cuda.write_output(network, layer, value)}
 return y;
 """
     return cuda.when_whole_warp(network, body)
