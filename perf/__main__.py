@@ -1,9 +1,9 @@
-"""All measurements that this machine can make: `python -m perf [--quick] [--device cuda]`.
+"""All measurements that this machine can make: `python -m perf [--quick] [--record] [--device cuda]`.
 
 Each runs in a process of its own and alone. On CUDA all run at once before that, one round each into a folder that goes
 away: their kernels then lie compiled in Warp's cache, and the measurements take little but their own time. `cpu` and
 `samples` are left out with `--device cuda`, `samples` and `profile` with `--quick`, `profile` without CUDA. Ends with
-`python -m perf.report` unless `--out` is given.
+`python -m perf.report` if told to `--record`.
 """
 
 import subprocess
@@ -57,6 +57,7 @@ def main(config: Config) -> dict:
         compile_ahead([name for name in names if name not in NOT_AHEAD], options + where)
         metrics["compile_ahead_seconds"] = time.perf_counter() - begin
     options += ["--rounds", str(config.rounds)] + (["--out", str(config.out)] if config.out else [])
+    options += ["--record"] * config.record
     for name in names:
         start = time.perf_counter()
         done = measure(name, options + (["--device", "cpu"] if name == "cpu" else where))
@@ -64,7 +65,7 @@ def main(config: Config) -> dict:
         if done.returncode:
             failed.append(name)
             print(f"perf.{name} failed:\n{done.stderr}", file=sys.stderr)
-    if not config.out:
+    if config.record:
         report.main(report.Config(json=config.json))
     metrics |= {"seconds": time.perf_counter() - begin, "failed": ", ".join(failed) or "none"}
     if failed:

@@ -18,7 +18,7 @@ from perf.networks import flops, make_net, true_gradient, truth
 from perf.pictures import bars
 from perf.precision import OCTAVES, encode
 from warp_neural import MLP, Trainer, encodings
-from warp_neural.cli import run
+from warp_neural.cli import Samples, run
 from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 from warp_neural.kernels.nn.random import random_stream
 
@@ -29,7 +29,7 @@ GRADIENT_LIMITS = {"float32": 1e-5, "float16": 1e-2}
 class CpuConfig(Config):
     device: str = "cpu"
     """the CPU, whatever else there is"""
-    samples: int = 1 << 14
+    samples: Samples = 1 << 14
     """rows, and samples of a step"""
 
 

@@ -10,6 +10,7 @@ compared with float64 before they are timed.
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
@@ -20,7 +21,7 @@ from perf.networks import LIMITS, SHAPES, flops, make_net, make_shade_kernel, ra
 from perf.peak import measure_cpu, measure_mma, measure_torch
 from perf.pictures import bars
 from warp_neural import MLP
-from warp_neural.cli import progress, run
+from warp_neural.cli import Between, progress, run
 from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 
 KINDS = [
@@ -36,9 +37,9 @@ TILED = (3, 16)  # all its layers have one shape
 
 @dataclass(frozen=True, kw_only=True)
 class InferenceConfig(Config):
-    samples: int = 0
+    samples: Annotated[int, Between(0, 2**28)] = 0
     """threads a launch; 0: 2^22 on CUDA, 2^14 on the CPU"""
-    block: int = 64
+    block: Annotated[int, Between(32, 1024)] = 64
     """threads a block"""
 
 

@@ -4,15 +4,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
 from perf import machine
 from perf.results import FOLDER, Figure, Result
-from warp_neural.cli import CommonConfig, resolve_device
+from warp_neural.cli import Between, CommonConfig, resolve_device
+from warp_neural.errors import InputError
 from warp_neural.io.files import atomic_path
 
+NOT_KEPT = Path("out/perf")
 WARM_UP = 3  # rounds that do not count
 ROUND_MS = 5  # what a round of several launches takes, about
 MOST_MS = 3000  # of all rounds; where a launch takes long, there are fewer
@@ -21,11 +24,18 @@ MOST_MS = 3000  # of all rounds; where a launch takes long, there are fewer
 @dataclass(frozen=True, kw_only=True)
 class Config(CommonConfig):
     out: Path | None = None
-    """folder for the JSON and the picture; by default perf/results/MACHINE"""
-    rounds: int = 12
+    """folder for the JSON and the picture; none: out/perf/MACHINE"""
+    record: bool = False
+    """replace what the repository keeps of this machine, perf/results/MACHINE"""
+    rounds: Annotated[int, Between(1, 10000)] = 12
     """rounds that count; a round is as many launches as take some milliseconds"""
     quick: bool = False
     """fewer shapes and precisions"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.record and (self.quick or self.out):
+            raise InputError("--record: keeps whole measurements in perf/results; leave --quick and --out out")
 
 
 def times(launch: Callable[[], None], device: wp.Device, rounds: int) -> np.ndarray:
@@ -120,7 +130,7 @@ class Bench:
         result, config = self.result, self.config
         result.machine = machine.facts(self.device)
         print(f"\n{result.measurement}: {result.notes()}\n\n{result.table()}\n")
-        folder = config.out or FOLDER / machine.slug(machine.name_of(self.device))
+        folder = config.out or (FOLDER if config.record else NOT_KEPT) / machine.slug(machine.name_of(self.device))
         path = result.save(folder)
         with atomic_path(path.with_suffix(".png")) as temporary:
             draw(result).savefig(temporary, dpi=90, bbox_inches="tight")

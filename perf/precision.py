@@ -7,6 +7,7 @@ weights then go to networks of every precision. `picture`: milliseconds of all i
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
@@ -15,7 +16,7 @@ from perf.measure import Bench, Config, check
 from perf.networks import LIMITS, truth
 from perf.training import pixel
 from warp_neural import MLP, Trainer, encodings
-from warp_neural.cli import progress, run
+from warp_neural.cli import Between, progress, run
 from warp_neural.imaging.image import displayed_psnr
 from warp_neural.train import optim
 
@@ -34,7 +35,7 @@ OCTAVES = 8
 
 @dataclass(frozen=True, kw_only=True)
 class PrecisionConfig(Config):
-    steps: int = 0
+    steps: Annotated[int, Between(0, 10**6)] = 0
     """of training; 0: 2,000, or 200 with --quick"""
 
 

@@ -14,9 +14,10 @@ from warp_neural.io.files import atomic_path
 
 INTRO = """# Measurements
 
-Made by `python -m perf`, gathered by `python -m perf.report`. Medians of the rounds, ± half of what 80 % of them span.
-*Recorded*: measured by others or elsewhere, not in that run. LxN: L hidden layers of N neurons, N inputs, 16 outputs.
-Other libraries run as CUDA graphs, like Warp Neural, or, where they cannot, as the host's *(calls)*, *(frozen calls)*.
+Made by `python -m perf --record`, gathered by `python -m perf.report`. Medians of the rounds, ± half of what 80 %
+of them span. *Recorded*: measured by others or elsewhere, not in that run. LxN: L hidden layers of N neurons, N inputs,
+16 outputs. Other libraries run as CUDA graphs, like Warp Neural, or, where they cannot, as the host's *(calls)*,
+*(frozen calls)*.
 `python -m perf.compare OLD NEW` shows what moved between two folders of results beyond its spread.
 """
 ORDER = (
@@ -107,7 +108,7 @@ def main(config: Config) -> dict:
     rest += ["## Where recorded figures come from\n", *(f"- {origin.text()}" for origin in ORIGINS), ""]
     path = config.out or config.results.parent / "RESULTS.md"
     with atomic_path(path) as temporary:
-        temporary.write_text("\n".join([INTRO, *pages, *rest]))
+        temporary.write_text("\n".join([INTRO, *pages, *rest]), encoding="utf-8")
     return metrics | {"page": str(path)}
 
 

@@ -96,7 +96,7 @@ class Result:
     @classmethod
     def load(cls, path: Path) -> "Result":
         try:
-            data = json.loads(path.read_text())
+            data = json.loads(path.read_text(encoding="utf-8"))
             figures = [Figure(**figure) for figure in data.pop("figures")]
             return cls(**data, figures=figures)
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:

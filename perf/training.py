@@ -13,6 +13,7 @@ timed. On CUDA other libraries that are installed train on the rows of LxN (`per
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
@@ -22,7 +23,7 @@ from perf.measure import Bench, Config, check
 from perf.networks import make_net, shape_name, true_gradient
 from perf.pictures import steps
 from warp_neural import MLP, Trainer, encodings
-from warp_neural.cli import progress, run
+from warp_neural.cli import Between, progress, run
 from warp_neural.coopvec import make_load
 from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
 from warp_neural.samples.hardware_acceleration import texture
@@ -39,7 +40,7 @@ COURSE = {"course step 2": step_02_multiple_layers, "course step 4": step_04_fre
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfig(Config):
-    batch: int = 0
+    batch: Annotated[int, Between(0, 2**26)] = 0
     """samples a step; 0: 2^18, 2^16 and 2^14 on CUDA, 2^14 and 2^12 on the CPU"""
 
 

@@ -3,7 +3,11 @@
 Installed, `python -m warp_neural.samples.SECTION`.
 """
 
+import signal
 import sys
+
+if sys.argv[:1] == ["-m"]:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # until `cli.run`, Ctrl-C ends a command without a traceback
 
 from warp_neural.kernels import Alias
 

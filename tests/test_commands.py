@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warp_neural import MLP, InputError
+from warp_neural import MLP, InputError, __version__
 from warp_neural.cli.commands import main
 from warp_neural.coopvec.combinations import supported_combinations
 from warp_neural.io.rtxns import RtxnsNetwork
@@ -122,7 +122,10 @@ def test_devices_lists_what_runs_where(capfd):
     assert list(said) == [device.alias for device in wp.get_devices()]
     assert said["cpu"]["combinations"] == [vars(row) for row in supported_combinations("cpu")]
     main(["devices"])
-    assert "| float16    | e4m3 " in capfd.readouterr().out
+    text = capfd.readouterr().out
+    assert text.startswith("devices ") and "| float16    | e4m3 " in text
+    main(["--version"])
+    assert capfd.readouterr().out == f"warp-neural {__version__}\n"
 
 
 BAD = {
@@ -158,6 +161,8 @@ def test_shells_complete_the_command(capfd):
         assert not exit_info.value.code
         text = capfd.readouterr().out
         assert all(word in text for word in ("info", "convert", "devices", "column-major", "leaky_relu"))
+        assert {"bash": "complete -o default -F", "zsh": "|| _files"}[shell] in text  # names of files
+        assert "warp-neural" in text
 
 
 def test_the_package_installs_the_command():

@@ -1,15 +1,20 @@
 """Warp Neural: neural shading as a Python package on NVIDIA Warp."""
 
+import signal
+import sys
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
+
+if any(argument.endswith("warp-neural") or argument.startswith("warp_neural.") for argument in sys.orig_argv[1:3]):
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # a command: until `cli.run`, Ctrl-C ends it without a traceback
 
 _folder = Path(__file__).parent
 if (_folder / "kernels").is_dir():
     __version__ = version("warp-neural")
 else:  # a checkout, installed or not: `kernels` and `samples` lie beside this folder, and its version
     __path__.append(str(_folder.parent))
-    __version__ = tomllib.loads((_folder.parent / "pyproject.toml").read_text())["project"]["version"]
+    __version__ = tomllib.loads((_folder.parent / "pyproject.toml").read_text("utf-8"))["project"]["version"]
 
 from warp_neural import autodiff, coopvec
 from warp_neural.errors import InputError

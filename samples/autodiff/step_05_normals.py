@@ -10,12 +10,12 @@ forward mode, and of 0.02 degrees for differences of the best step.
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
 from warp_neural import cli
-from warp_neural.errors import InputError
 from warp_neural.samples.autodiff.figures import save_sheet
 from warp_neural.samples.autodiff.scene import DOUBLE, SINGLE
 
@@ -32,7 +32,7 @@ normal_double, normal_double_by_differences = DOUBLE.normal, DOUBLE.normal_by_di
 class Config(cli.CommonConfig):
     out: Path = Path("out/autodiff")
     """folder for the picture"""
-    size: int = 512
+    size: Annotated[int, cli.Between(8, 4096)] = 512
     """height of the picture; it is 16:9"""
 
 
@@ -103,8 +103,6 @@ def degrees(normals: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def main(config: Config) -> dict:
-    if not 8 <= config.size <= 4096:
-        raise InputError(f"--size {config.size}: expected 8 to 4096")
     device = cli.resolve_device(config.device)
     shape = (config.size, config.size * 16 // 9)
     hits = wp.empty(shape, dtype=bool, device=device)

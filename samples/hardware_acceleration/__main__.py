@@ -27,6 +27,7 @@ import json
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import warp as wp
 
@@ -48,19 +49,19 @@ class Config(CommonConfig):
     """folder for pictures and files"""
     image: Path | None = None
     """picture to learn; none: 6144 x 6144 pixels (113 MB), tiles of photographs that scikit-image carries"""
-    side: int = 6144
+    side: Annotated[int, cli.Between(1, 2**15)] = 6144
     """pixels along one side of the picture of tiles"""
-    small_steps: int = 1000
+    small_steps: cli.Count = 1000
     """steps of the small network"""
-    small_batch: int | None = None
+    small_batch: cli.Samples | None = None
     """points a step of the small network; none: 1024 on the CPU, 4096 on CUDA, as in the course"""
-    latents: int | None = None
+    latents: cli.Side | None = None
     """texels along one side of the neural texture; none: 256 on the CPU, 1024 on CUDA"""
-    batch: int | None = None
+    batch: cli.Samples | None = None
     """pixels a step; none: 4096 on the CPU, 16384 on CUDA"""
-    short: int | None = None
+    short: cli.Count | None = None
     """steps of the short runs, of all versions; none: 32 on the CPU, 64 on CUDA"""
-    steps: int = 2000
+    steps: cli.Count = 2000
     """steps of the long runs, of float32 and float16"""
 
 
@@ -71,7 +72,7 @@ def main(config: Config) -> dict:
     short = config.short or (64 if cuda else 32)
     size = Size(config.latents or (1024 if cuda else 256), config.batch or (16384 if cuda else 4096))
     small_batch = config.small_batch or (4096 if cuda else 1024)
-    check(config, {"small_steps": config.small_steps, "short": short, "steps": config.steps}, device)
+    check({"small_steps": config.small_steps, "short": short, "steps": config.steps}, device)
     with atomic_path(config.out / "config.json") as path:  # a folder that cannot be written fails now
         path.write_text(json.dumps(asdict(config), indent=2, default=str) + "\n")
 
@@ -102,14 +103,10 @@ def main(config: Config) -> dict:
     return metrics
 
 
-def check(config: Config, runs: dict[str, int], device: wp.Device) -> None:
+def check(runs: dict[str, int], device: wp.Device) -> None:
     for option, steps in runs.items():
         if steps <= warm_up(device):
             raise InputError(f"--{option.replace('_', '-')} {steps}: give more than the {warm_up(device)} to warm up")
-    for option in ("side", "small_batch", "latents", "batch"):
-        value = getattr(config, option)
-        if value is not None and value < 1:
-            raise InputError(f"--{option.replace('_', '-')} {value}: give at least 1")
 
 
 def starting(metrics: dict, prefix: str) -> dict[str, float]:

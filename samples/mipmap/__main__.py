@@ -28,23 +28,24 @@ and PavingStones070, but no one rate serves all materials: Leather034C wants a t
 
 import json
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
 from warp_neural import cli
-from warp_neural.errors import InputError
 from warp_neural.imaging.image import displayed_psnr
 from warp_neural.io.files import atomic_path
 from warp_neural.samples.mipmap.chain import learn_chain
 from warp_neural.samples.mipmap.classical import box_filter, toksvig
 from warp_neural.samples.mipmap.figures import save_comparison, save_curves, save_maps
-from warp_neural.samples.mipmap.judge import Errors, flip, judge, random_directions, render, workers
+from warp_neural.samples.mipmap.judge import Errors, flip, judge, random_directions, render
 from warp_neural.samples.mipmap.learn import Learner, Recipe, run
 from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, pack, source_maps
 from warp_neural.samples.mipmap.sweep import sweep
+from warp_neural.samples.mipmap.threads import threads
 from warp_neural.train.optim import SGD, Adam
 
 BALANCE = (0.25, 0.75)  # of linear and displayed error in the loss
@@ -52,19 +53,19 @@ BALANCE = (0.25, 0.75)  # of linear and displayed error in the loss
 
 @dataclass(frozen=True, kw_only=True)
 class Config(MaterialConfig):
-    steps: int | None = None
+    steps: cli.Count | None = None
     """gradient steps of each optimizer; none: 800 on the CPU, 4000 on CUDA"""
-    pairs: int = 8
+    pairs: Annotated[int, cli.Between(1, 4096)] = 8
     """pairs of light and view a texel and step"""
-    rate: float = 0.01
+    rate: cli.Positive = 0.01
     """Adam's learning rate at the start"""
-    sgd_rate: float = 3e-6
+    sgd_rate: cli.Positive = 3e-6
     """SGD's learning rate at the start"""
-    judge_pairs: int = 4096
+    judge_pairs: Annotated[int, cli.Between(1, 2**24)] = 4096
     """held-out pairs a texel"""
-    pictures: int = 64
+    pictures: Annotated[int, cli.Between(1, 4096)] = 64
     """pictures for PSNR and FLIP"""
-    levels: int = 0
+    levels: Annotated[int, cli.Between(0, 30)] = 0
     """also learn a chain of this many mip levels, to 1x1 at most"""
     sweep: bool = False
     """only repeat the search for the learning rates"""
@@ -72,7 +73,6 @@ class Config(MaterialConfig):
 
 def main(config: Config) -> dict:
     began = time.perf_counter()
-    check(config)
     device = cli.resolve_device(config.device)
     name, maps = source_maps(config, device)
     source = pack(maps, config.factor, device)
@@ -91,7 +91,8 @@ def main(config: Config) -> dict:
     learned = learn(config, source, recipes, steps)
     answers |= {optimizer: result.maps for optimizer, result in learned.items()}
 
-    errors = judge(source, list(answers.values()), pairs=config.judge_pairs, seed=4 * config.seed + 3)
+    bar = partial(cli.progress, config=config, desc="judging")
+    errors = judge(source, list(answers.values()), pairs=config.judge_pairs, seed=4 * config.seed + 3, bar=bar)
     metrics = measured(errors, list(answers))
     metrics |= compare_pictures(config, source, answers, metrics)
     metrics["levels"] = learn_chain(config, maps, recipes["adam"], steps) if config.levels else []
@@ -117,6 +118,8 @@ class Learned:
 
 def learn(config: Config, source: wp.array, recipes: dict[str, Recipe], steps: int) -> dict[str, Learned]:
     """Follow every recipe, on the CPU two at a time."""
+    for module in (Learner.__module__, judge.__module__, "warp_neural.kernels.nn.optimizers"):
+        wp.load_module(module, device=source.device)  # before the threads, or each compiles it
 
     def follow(optimizer: str) -> Learned:
         learner = Learner(source, recipes[optimizer], steps=steps, pairs=config.pairs, seed=4 * config.seed + 1)
@@ -127,24 +130,12 @@ def learn(config: Config, source: wp.array, recipes: dict[str, Recipe], steps: i
             curve.append((step, errors.linear[0], errors.displayed[0]))
 
         bar = cli.progress(range(steps), config, desc=f"{optimizer:4}", position=list(recipes).index(optimizer))
-        seconds = run(learner, bar, every=max(steps // 20, 1), watch=watch)
+        seconds = run(learner, going(bar), every=max(steps // 20, 1), watch=watch)
         watch(steps)
         return Learned(learner.maps(), np.array(curve), seconds)
 
-    for module in (Learner.__module__, judge.__module__, "warp_neural.kernels.nn.optimizers"):
-        wp.load_module(module, device=source.device)  # before the threads, or each compiles it
-    with ThreadPoolExecutor(workers(source.device)) as pool:
+    with threads(source.device) as (pool, going):
         return dict(zip(recipes, pool.map(follow, recipes), strict=True))
-
-
-def check(config: Config) -> None:
-    for option in ("pairs", "judge_pairs", "pictures", "rate", "sgd_rate"):
-        if getattr(config, option) <= 0:
-            raise InputError(f"--{option.replace('_', '-')} {getattr(config, option)}: give a positive number")
-    if config.steps is not None and config.steps < 1:
-        raise InputError(f"--steps {config.steps}: give at least 1")
-    if config.levels < 0:
-        raise InputError(f"--levels {config.levels}: give 0 for none, or how many to learn")
 
 
 def balanced(classical: Errors) -> tuple[float, float]:
@@ -173,7 +164,8 @@ def compare_pictures(config: Config, source: wp.array, answers: dict[str, Maps],
     shown = {name: picture[0] for name, picture in zip(answers, pictures, strict=True)}
     save_comparison(config.out / "comparison.png", truth[0], shown, metrics)
     quality = {}
-    for name, picture in zip(answers, pictures, strict=True):
+    pairs = zip(answers, pictures, strict=True)
+    for name, picture in cli.progress(pairs, config, desc="pictures", total=len(answers)):
         quality[f"psnr_{name}"] = displayed_psnr(truth[1:], picture[1:])
         quality[f"flip_{name}"] = flip(truth[1:], picture[1:])
     return quality

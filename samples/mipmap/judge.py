@@ -1,7 +1,6 @@
 """How wrong maps are on light and view pairs that training never draws from."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +8,7 @@ import warp as wp
 
 from warp_neural.materials.shading import display, random_stream, uniform_hemisphere
 from warp_neural.samples.mipmap.maps import Maps, load_channels, pack, packed_shade
+from warp_neural.samples.mipmap.threads import threads
 
 BATCHES = 16
 
@@ -63,6 +63,10 @@ def picture_kernel(
         pictures[c + 1, p, t] = display(packed_shade(load_channels(candidates[c], t), lights[p], views[p]))
 
 
+def no_bar(parts: Iterable, total: int) -> Iterable:
+    return parts
+
+
 @dataclass(frozen=True)
 class Errors:
     """Mean squared errors of each candidate, `[candidates]`, with the standard error of each mean."""
@@ -73,27 +77,22 @@ class Errors:
     displayed_spread: np.ndarray
 
 
-def workers(device: wp.Device) -> int:
-    """How many threads pay: a CPU launch runs on the thread that makes it, a GPU has one queue."""
-    return 1 if device.is_cuda else min(2, os.cpu_count() or 1)
-
-
-def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int) -> Errors:
+def judge(source: wp.array, candidates: list[Maps], *, pairs: int, seed: int, bar: Callable = no_bar) -> Errors:
     """Errors over `pairs` uniform pairs a texel, in 16 batches; spread is the standard error over the batches."""
     device, texels = source.device, source.shape[1]
     planes = _planes(candidates, device)
-    threads = workers(device)
-    batches = BATCHES // threads
+    launches = 1 if device.is_cuda else BATCHES
+    batches = BATCHES // launches
 
-    def some(worker: int) -> np.ndarray:
+    def some(launch: int) -> np.ndarray:
         sums = wp.zeros((2, len(candidates), batches, texels), dtype=float, device=device)
-        inputs = [source, planes, seed, worker * batches, max(pairs // BATCHES, 1), sums[0], sums[1]]
+        inputs = [source, planes, seed, launch * batches, max(pairs // BATCHES, 1), sums[0], sums[1]]
         wp.launch(judge_kernel, dim=(batches, texels), inputs=inputs, device=device)
         return sums.numpy().mean(axis=-1, dtype=np.float64) / max(pairs // BATCHES, 1)  # [2, candidates, batches]
 
     wp.load_module(judge_kernel.module, device=device)  # before the threads, or each compiles it
-    with ThreadPoolExecutor(threads) as pool:
-        errors = np.concatenate(list(pool.map(some, range(threads))), axis=-1)
+    with threads(device) as (pool, _going):
+        errors = np.concatenate(list(bar(pool.map(some, range(launches)), total=launches)), axis=-1)
     spread = errors.std(axis=-1, ddof=1) / np.sqrt(errors.shape[-1])
     mean = errors.mean(axis=-1)
     return Errors(linear=mean[0], linear_spread=spread[0], displayed=mean[1], displayed_spread=spread[1])

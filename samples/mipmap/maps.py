@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
-from warp_neural.cli import CommonConfig
+from warp_neural.cli import Between, CommonConfig
 from warp_neural.coopvec import make_load
 from warp_neural.errors import InputError
 from warp_neural.materials.default_material import default_material
@@ -23,12 +24,12 @@ class MaterialConfig(CommonConfig):
     out: Path = Path("out/mipmap")
     """folder for pictures and files"""
     material: Path | None = None
-    """folder with maps, e.g. ../shared/data/materials/PavingStones070; none: bricks made from two photographs"""
-    roughness_scale: float = 0.4
+    """folder with maps, as ambientCG and Poly Haven name them; none: bricks made from two photographs"""
+    roughness_scale: Annotated[float, Between(0, 1, above=True)] = 0.4
     """wet it: factor on the roughness (0, 1]"""
-    crop: int | None = None
+    crop: Annotated[int | None, Between(1, 8192)] = None
     """side of the square that is cut out of the middle; none: 256 on the CPU, the whole material on CUDA"""
-    factor: int = 4
+    factor: Annotated[int, Between(2, 64)] = 4
     """texels of the source along one side of a learned texel"""
 
 
@@ -52,8 +53,6 @@ class Maps:
 
 def source_maps(config: MaterialConfig, device: wp.Device) -> tuple[str, Maps]:
     """The material's name and its maps in full resolution. Raises `InputError` for sizes that do not fit."""
-    if not 0 < config.roughness_scale <= 1:
-        raise InputError(f"--roughness-scale {config.roughness_scale}: choose one above 0, at most 1")
     if config.material is None:
         material = default_material(config.crop or (1024 if device.is_cuda else 256))
     else:
@@ -61,8 +60,8 @@ def source_maps(config: MaterialConfig, device: wp.Device) -> tuple[str, Maps]:
         crop = config.crop or (None if device.is_cuda else min(256, *material.resolution))
         material = material.crop(crop) if crop else material
     height, width = material.resolution
-    if config.factor < 2 or height % config.factor or width % config.factor:
-        multiple = min(height, width) // max(config.factor, 1) * config.factor
+    if height % config.factor or width % config.factor:
+        multiple = min(height, width) // config.factor * config.factor
         raise InputError(
             f"--factor {config.factor}: does not divide {width} x {height}; choose a factor of 2 or more that does, "
             f"or --crop {multiple}"

@@ -12,7 +12,7 @@ from warp_neural.materials.shading import brdf, display
 from warp_neural.samples.figures import save_picture
 from warp_neural.samples.mipmap.maps import Maps, MaterialConfig, source_maps
 
-LIGHT = wp.constant(wp.normalize(wp.vec3(0.2, 0.2, 1.0)))
+LIGHT = wp.constant(wp.vec3(*(x / 1.08**0.5 for x in (0.2, 0.2, 1.0))))
 VIEW = wp.constant(wp.vec3(0.0, 0.0, 1.0))
 
 

@@ -24,9 +24,9 @@ from warp_neural.train.optim import Adam, Parameters, linear
 
 @dataclass(frozen=True, kw_only=True)
 class Config(MaterialConfig):
-    steps: int = 1500
+    steps: cli.Count = 1500
     """gradient steps"""
-    rate: float = 0.002
+    rate: cli.Positive = 0.002
     """Adam's learning rate, falling to a tenth on a line"""
 
 

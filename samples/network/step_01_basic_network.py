@@ -11,7 +11,6 @@ outputs that start from grey; on CUDA batches of 16 grids, and float16 (tensor c
 a grey start may be negative all over the picture: its derivative is 0, and that colour stays black.
 """
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -57,7 +56,7 @@ def render(net: wn.MLP, height: int, width: int) -> np.ndarray:
     return picture.numpy()
 
 
-def train(config: Config, make_network: Callable[..., wn.MLP], target: np.ndarray) -> tuple[wn.MLP, float]:
+def train(config: Config, name: str, make_network: Callable[..., wn.MLP], target: np.ndarray) -> tuple[wn.MLP, float]:
     """The trained network and the seconds that training took, without those of the compiler."""
     device = cli.resolve_device(config.device)
     net = make_network(precision="float16" if device.is_cuda else "float32", seed=config.seed, device=device)
@@ -70,15 +69,12 @@ def train(config: Config, make_network: Callable[..., wn.MLP], target: np.ndarra
         batch=config.batch or (16 if device.is_cuda else 1) * GRID * GRID,
         seed=config.seed,
     )
-    trainer.run(1, quiet=True)  # compiles
-    began = time.perf_counter()
-    trainer.run(config.steps - 1, quiet=config.json)
-    return net, time.perf_counter() - began
+    return net, cli.train(trainer, config.steps, config, name)  # trainer.run(steps), from a checkpoint if there is one
 
 
 def fit(config: Config, name: str, make_network: Callable[..., wn.MLP], target: np.ndarray) -> tuple[np.ndarray, dict]:
     """Train, render, save `name`.png: the picture and its metrics."""
-    net, seconds = train(config, make_network, target)
+    net, seconds = train(config, name, make_network, target)
     picture = render(net, *target.shape[:2])
     save_beside(config.out / f"{name}.png", target, picture)
     return picture, {

@@ -2,43 +2,33 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from skimage import data
 
-from warp_neural.cli import CommonConfig
-from warp_neural.errors import InputError
+from warp_neural.cli import Between, Count, Positive, TrainingConfig
 from warp_neural.imaging.image import displayed_psnr, linear_to_srgb, load_image, save_image, srgb_to_linear
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config(CommonConfig):
+class Config(TrainingConfig):
     """The options of every step."""
 
     out: Path = Path("out/network")
     """folder for pictures and files"""
     image: Path | None = None
     """picture to learn; none: 256 x 256 of NASA's photograph of Eileen Collins, which scikit-image carries"""
-    steps: int = 2000
+    steps: Count = 2000
     """gradient steps"""
-    rate: float = 0.01
+    rate: Positive = 0.01
     """Adam's learning rate at the start; it falls to a hundredth on a cosine"""
-    batch: int | None = None
+    batch: Annotated[int | None, Between(4096, 2**24, multiple=4096)] = None
     """samples a step, whole 64 x 64 grids; none: one grid (4096) on the CPU, sixteen (65536) on CUDA"""
-
-
-def check(config: Config) -> None:
-    if config.steps < 1:
-        raise InputError(f"--steps {config.steps}: give at least 1")
-    if not 0 < config.rate < float("inf"):
-        raise InputError(f"--rate {config.rate}: give a positive number")
-    if config.batch is not None and (config.batch < 1 or config.batch % 4096):
-        raise InputError(f"--batch {config.batch}: give a multiple of 4096, the cells of the grid")
 
 
 def load_target(config: Config) -> np.ndarray:
     """Linear float32 `[height, width, 3]`; grey becomes RGB, alpha is left out. Raises `InputError` for bad files."""
-    check(config)
     if config.image is None:
         return srgb_to_linear(data.astronaut()[:256, 96:352] / 255).astype(np.float32)
     image = load_image(config.image)

@@ -14,6 +14,7 @@ Half the rate, or beta2 = 0.99, changes that little; neither does float16: the s
 
 import json
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -32,17 +33,17 @@ ROUGHNESS = np.linspace(0.3, 1.0, 5)
 
 @dataclass(frozen=True, kw_only=True)
 class Config(LookConfig):
-    epochs: int | None = None
+    epochs: Annotated[int | None, cli.Between(1, 10**5)] = None
     """of 100 steps each; none: 500 on the CPU, 1800 on CUDA"""
-    batch: int | None = None
+    batch: cli.Samples | None = None
     """samples of a step; none: 1024 on the CPU, 65,536 on CUDA"""
-    rate: float = 1e-2
+    rate: cli.Positive = 1e-2
     """Adam's learning rate at the start"""
     rtxns_loss: bool = False
     """train by RTXNS's loss, the weighted relative L2, and not by what is measured"""
-    samples: int = 1 << 20
+    samples: cli.Samples = 1 << 20
     """held-out samples for the errors"""
-    gain: float = 50.0
+    gain: cli.Positive = 50.0
     """factor on the difference in the pictures"""
 
 
@@ -57,7 +58,7 @@ def main(config: Config) -> dict:
         defaults = Recipe(1800, 1 << 16) if device.is_cuda else Recipe(500, 1024)
         loss = RTXNS_LOSS if config.rtxns_loss else LOSS
         recipe = Recipe(config.epochs or defaults.epochs, config.batch or defaults.batch, config.rate, loss)
-        seconds, trained = train(net, recipe, seed=config.seed, quiet=config.json), recipe.steps * recipe.batch
+        seconds, trained = train(net, recipe, config), recipe.steps * recipe.batch
         save(config.out, net)
     metrics = evaluate(net, samples=config.samples, seed=config.seed)
     metrics |= {"samples": config.samples, "samples_train": trained, "seconds_train": seconds}

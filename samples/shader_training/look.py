@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import warp as wp
@@ -10,45 +11,36 @@ from warp_neural import cli
 from warp_neural.errors import InputError
 from warp_neural.samples.shader_training.spheres import Surface
 
+SHARE = cli.Between(0, 1)
+
 
 @dataclass(frozen=True, kw_only=True)
-class LookConfig(cli.CommonConfig):
+class LookConfig(cli.TrainingConfig):
     """How the sphere looks."""
 
     out: Path = Path("out/shader_training")
     """folder for pictures and files"""
     network: Path | None = None
     """network to show instead of training one: .safetensors, or RTXNS's .bin or .json"""
-    base_color: tuple[float, float, float] = (0.55, 0.12, 0.05)
+    base_color: Annotated[tuple[float, float, float], SHARE] = (0.55, 0.12, 0.05)
     """linear RGB [0, 1]"""
-    specular: float = 0.5
+    specular: Annotated[float, SHARE] = 0.5
     """reflection at normal incidence, 1 is 8 percent [0, 1]"""
-    roughness: float = 0.35
+    roughness: Annotated[float, cli.Between(0.3, 1)] = 0.35
     """[0.3, 1], what the network has seen"""
-    metallic: float = 0.2
+    metallic: Annotated[float, SHARE] = 0.2
     """[0, 1]"""
-    light: tuple[float, float, float] = (0.6, 0.6, 0.6)
+    light: Annotated[tuple[float, float, float], cli.Between(-1e6, 1e6)] = (0.6, 0.6, 0.6)
     """towards the light: x right, y up, z to the viewer"""
-    intensity: float = 3.0
+    intensity: cli.Positive = 3.0
     """of the light"""
-    size: int = 384
+    size: cli.Side = 384
     """pixels along a side of the picture"""
 
 
 def check(config: LookConfig) -> None:
-    for option in ("specular", "metallic"):
-        if not 0 <= getattr(config, option) <= 1:
-            raise InputError(f"--{option} {getattr(config, option)}: give 0 to 1")
-    if not all(0 <= c <= 1 for c in config.base_color):
-        raise InputError(f"--base-color {config.base_color}: give three numbers from 0 to 1")
-    if not 0.3 <= config.roughness <= 1:
-        raise InputError(f"--roughness {config.roughness}: give 0.3 to 1, what the network has seen")
-    if not 0 < np.linalg.norm(config.light) < np.inf:
-        raise InputError(f"--light {config.light}: give a direction that is not zero")
-    for option in ("epochs", "batch", "rate", "samples", "gain", "size", "intensity"):
-        value = getattr(config, option, None)
-        if value is not None and not 0 < value < np.inf:
-            raise InputError(f"--{option} {value}: give a positive number")
+    if not any(config.light):
+        raise InputError("--light 0 0 0: give a direction that is not zero")
 
 
 def surface_of(config: LookConfig) -> Surface:

@@ -3,30 +3,28 @@
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
 import warp_neural as wn
-from warp_neural.cli import CommonConfig
-from warp_neural.errors import InputError
+from warp_neural.cli import Between, TrainingConfig
 from warp_neural.imaging.image import displayed_psnr, linear_to_srgb, load_image, srgb_to_linear
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhotoConfig(CommonConfig):
+class PhotoConfig(TrainingConfig):
     out: Path = Path("out/shader_training")
     """folder for pictures and files"""
     image: Path | None = None
     """PNG, JPEG, TIFF, HDR or EXR to learn, without alpha; none: a cat that scikit-image carries"""
-    size: int = 256
+    size: Annotated[int, Between(8, 4096)] = 256
     """side in pixels of the square that is cut out of its middle, smaller if the image is"""
 
 
 def load_photo(config: PhotoConfig) -> np.ndarray:
     """Linear RGB `[size, size, 3]` in [0, 1], float32."""
-    if config.size < 8:
-        raise InputError(f"--size {config.size}: give at least 8")
     if config.image is None:
         from skimage import data
 

@@ -8,6 +8,7 @@ and written first. Expect a PSNR of 51 dB against the analytic BRDF from it, and
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Annotated
 
 import numpy as np
 import warp as wp
@@ -24,7 +25,7 @@ from warp_neural.samples.shader_training.train import Recipe, load, make_net, tr
 
 @dataclass(frozen=True, kw_only=True)
 class Config(LookConfig):
-    epochs: int = 15
+    epochs: Annotated[int, cli.Between(1, 10**5)] = 15
     """of 100 steps each, for the network that is trained if none is given"""
 
 
@@ -52,7 +53,7 @@ def main(config: Config) -> dict:
     device = cli.resolve_device(config.device)
     if config.network is None:
         small = make_net(device, config.seed)
-        train(small, Recipe(config.epochs, batch=1024), seed=config.seed, quiet=config.json)
+        train(small, Recipe(config.epochs, batch=1024), config)
         config = replace(config, network=config.out / "small.safetensors")
         wn.save_network(config.network, small)
     net = load(config.network, device)

@@ -7,6 +7,7 @@ Nothing but the sample function knows of the rotation: the network learns whatev
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
@@ -20,11 +21,11 @@ from warp_neural.samples.shader_training.photo import PhotoConfig, bilinear, loa
 
 @dataclass(frozen=True, kw_only=True)
 class Config(PhotoConfig):
-    steps: int | None = None
+    steps: cli.Count | None = None
     """none: 2000 of 2048 samples on the CPU, 10000 of 65,536 on CUDA"""
-    degrees: float = 30.0
+    degrees: Annotated[float, cli.Between(-1e6, 1e6)] = 30.0
     """the image is turned clockwise by this"""
-    scale: float = 1.4
+    scale: cli.Positive = 1.4
     """and shrunk by this; beyond its edges it goes on mirrored"""
 
 
@@ -54,10 +55,6 @@ def truth_kernel(photo: Photo, image: wp.array2d[wp.vec3]):
 
 
 def main(config: Config) -> dict:
-    if not 0 < config.scale < np.inf:
-        raise wn.InputError(f"--scale {config.scale}: give a positive number")
-    if config.steps is not None and config.steps < 1:
-        raise wn.InputError(f"--steps {config.steps}: give at least 1")
     device = cli.resolve_device(config.device)
     pixels = load_photo(config)
     photo = Photo()
@@ -76,7 +73,7 @@ def main(config: Config) -> dict:
     trainer = wn.Trainer(
         net, sample=sample, data=photo, loss=wn.losses.gamma_l2, optimizer=adam, batch=batch, seed=config.seed
     )
-    loss = trainer.run(steps, quiet=config.json)
+    cli.train(trainer, steps, config, "step_02")
     wn.save_network(config.out / "step_02.safetensors", net)
 
     truth = wp.empty(pixels.shape[:2], dtype=wp.vec3, device=device)
@@ -84,7 +81,7 @@ def main(config: Config) -> dict:
     fit = picture(net, len(pixels))
     row = [pixels, truth.numpy(), fit, 4 * np.abs(fit - truth.numpy())]
     save_picture(config.out / "step_02.png", np.concatenate([linear_to_srgb(np.clip(p, 0, 1)) for p in row], axis=1))
-    return {"psnr": psnr(truth.numpy(), fit), "loss": loss, "steps": steps, "parameters": net.n_parameters}
+    return {"psnr": psnr(truth.numpy(), fit), "loss": trainer.loss, "steps": steps, "parameters": net.n_parameters}
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ FINE, COARSE = wn.encodings.LatentTexture(72, 72, 1), wn.encodings.LatentTexture
 
 @dataclass(frozen=True, kw_only=True)
 class Config(PhotoConfig):
-    steps: int | None = None
+    steps: cli.Count | None = None
     """of each network; none: 2000 of 2048 samples on the CPU, 10000 of 65,536 on CUDA"""
 
 
@@ -46,8 +46,6 @@ def make_networks(seed: int, device: wp.Device) -> dict[str, wn.MLP]:
 
 
 def main(config: Config) -> dict:
-    if config.steps is not None and config.steps < 1:
-        raise wn.InputError(f"--steps {config.steps}: give at least 1")
     device = cli.resolve_device(config.device)
     pixels = load_photo(config)
     texels = wp.array(pixels, dtype=wp.vec3, device=device)
@@ -59,7 +57,7 @@ def main(config: Config) -> dict:
             net, sample=sample, data=texels, loss=wn.losses.gamma_l2, optimizer=adam, seed=config.seed,
             batch=1 << 16 if device.is_cuda else 2048,
         )  # fmt: skip
-        trainer.run(steps, quiet=config.json)
+        cli.train(trainer, steps, config, f"step_03 {name.replace(':', '')}")
         fits[name] = picture(net, len(pixels))
         metrics[name] = {"psnr": psnr(pixels, fits[name]), "parameters": net.master.size}
     best = max(metrics, key=lambda name: metrics[name]["psnr"])

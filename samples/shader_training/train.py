@@ -1,12 +1,12 @@
 """The network, how it is trained, and where it is kept."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import warp as wp
 
 import warp_neural as wn
+from warp_neural import cli
 from warp_neural.nn.convert import Form
 from warp_neural.samples.shader_training.disney import ENCODING, N_IN, N_OUT, draw
 from warp_neural.samples.shader_training.loss import RelativeError
@@ -38,17 +38,13 @@ def make_net(device: wp.DeviceLike, seed: int) -> wn.MLP:
     )
 
 
-def train(net: wn.MLP, recipe: Recipe, *, seed: int, quiet: bool) -> float:
+def train(net: wn.MLP, recipe: Recipe, config: cli.TrainingConfig) -> float:
     """Follow the recipe; the seconds it takes after the first step, which compiles."""
     rates = wn.optim.cosine(recipe.rate, 0.0, recipe.steps)
     trainer = wn.Trainer(
-        net, sample=draw, loss=recipe.loss, optimizer=wn.optim.Adam(lr=rates), batch=recipe.batch, seed=seed
+        net, sample=draw, loss=recipe.loss, optimizer=wn.optim.Adam(lr=rates), batch=recipe.batch, seed=config.seed
     )
-    trainer.run(1, quiet=True)
-    began = time.perf_counter()
-    trainer.run(recipe.steps - 1, quiet=quiet)
-    wp.synchronize_device(net.device)
-    return time.perf_counter() - began
+    return cli.train(trainer, recipe.steps, config)
 
 
 def load(path: Path, device: wp.DeviceLike) -> wn.MLP:

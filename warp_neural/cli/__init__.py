@@ -1,76 +1,120 @@
-"""What every command shares: the common options, devices, progress, `--json`, errors as one line and exit code 2."""
+"""What every command shares: options and their ranges, devices, progress, `--json`, how it ends and what it leaves."""
 
 import json
 import os
+import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tyro
 import warp as wp
-from tqdm import tqdm
 
-from warp_neural.errors import InputError
+from warp_neural.cli.ending import StoppedError, check_cache, ending
+from warp_neural.cli.options import (
+    Between,
+    CommonConfig,
+    Count,
+    Options,
+    Positive,
+    Samples,
+    Side,
+    TrainingConfig,
+    resolve_device,
+)
+from warp_neural.cli.parsing import again, parse
+from warp_neural.cli.printing import lines_of, lines_of_files, printable, progress
+from warp_neural.cli.training import FOLDER, check_resume, train
+from warp_neural.io.files import Written, check_target, recording, remove_empty
+
+__all__ = [
+    "Between",
+    "CommonConfig",
+    "Count",
+    "Options",
+    "Positive",
+    "Samples",
+    "Side",
+    "TrainingConfig",
+    "progress",
+    "resolve_device",
+    "run",
+    "train",
+]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CommonConfig:
-    """The options that every sample and command takes."""
+def run(
+    main: Callable[[Any], dict], config_class: type, args: list[str] | None = None, prog: str | None = None
+) -> dict:
+    """Parse `config_class` from the command line, call `main(config)`, print its metrics and the files it made.
 
-    device: str = "auto"
-    """auto (CUDA when present), cpu, cuda or cuda:N"""
-    seed: int = 0
-    """seed of every random draw; the same seed gives the same result on one device"""
-    out: Path = Path("out")
-    """folder for pictures and files"""
-    json: bool = False
-    """print nothing but one JSON object with the metrics, as the last line on stdout"""
-
-
-def resolve_device(name: str) -> wp.Device:
-    """`auto`, `cpu`, `cuda` or `cuda:N` to a Warp device. Raises `InputError` if it is not there."""
-    if name == "auto":
-        return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
-    try:
-        return wp.get_device("cuda:0" if name == "cuda" else name)
-    except Exception as error:
-        there = ", ".join(device.alias for device in wp.get_devices())
-        raise InputError(f"--device {name}: no such device; this machine has {there} (or use --device auto)") from error
-
-
-def progress(iterable: Iterable, config: CommonConfig, **options: Any) -> tqdm:
-    """A progress bar on stderr; silent with `--json` or without a terminal."""
-    return tqdm(iterable, disable=True if config.json else None, file=sys.stderr, **options)
-
-
-def run(main: Callable[[Any], dict], config_class: type, args: list[str] | None = None) -> dict:
-    """Parse `config_class` from the command line, call `main(config)`, print its metrics.
-
-    `InputError` becomes one line on stderr and exit code 2. With `--json` everything else that would reach stdout,
-    native output too, goes to stderr.
+    `InputError` becomes one line on stderr and exit code 2, everything else that ends a command a line and a code of
+    its own (`warp_neural.cli.ending`). Of a command that fails no file is left, of one that is stopped its checkpoints.
+    With `--json` all but the metrics that would reach stdout, native output too, goes to stderr.
     """
     wp.config.log_level = wp.LOG_WARNING  # no line for every module that is compiled or loaded
-    config = tyro.cli(config_class, args=args)
-    try:
-        if not config.json:
-            metrics = main(config)
-            for key, value in metrics.items():
-                print(f"{key:24} {value:.6g}" if isinstance(value, float) else f"{key:24} {value}")
-        else:
-            with _stdout_to_stderr():
-                metrics = main(config)
+    printable()
+    with ending(), _interruptible():
+        config = parse(config_class, args, prog)
+        check_cache()
+        check_resume(config)
+        with recording() as written:
+            metrics = _metrics(main, config, written)
+            _finish(written)
+        if config.json:
             print(json.dumps(metrics))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
+        else:
+            for line in (*lines_of(metrics), *lines_of_files(written.before)):
+                print(line)
     return metrics
+
+
+def _metrics(main: Callable[[Any], dict], config: Any, written: Written) -> dict:
+    try:
+        if isinstance(getattr(config, "out", None), Path) and isinstance(config, CommonConfig):
+            check_target(config.out / "metrics.json")
+        if not config.json:
+            return main(config)
+        with _stdout_to_stderr():
+            return main(config)
+    except BaseException as error:
+        stopped = isinstance(error, KeyboardInterrupt)
+        _take_back(written, checkpoints=not stopped)
+        if stopped and written.before:
+            raise StoppedError(f"go on with: {again('--resume')}") from None
+        raise
+
+
+def _take_back(written: Written, checkpoints: bool) -> None:
+    for path in list(written.before):
+        if checkpoints or path.parent.name != FOLDER:
+            written.take_back(path)
+    written.keep()
+
+
+def _finish(written: Written) -> None:
+    """Keeps what was written, but for checkpoints: nothing is left to go on with."""
+    for path in list(written.before):
+        if path.parent.name == FOLDER:
+            written.remove(path)
+            remove_empty([path.parent])
+    written.keep()
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C raises `KeyboardInterrupt`; until here it ends a command at once."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
 
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
+    if sys.stdout is None or sys.stderr is None:
+        yield
+        return
     sys.stdout.flush()
     saved = os.dup(1)
     os.dup2(2, 1)  # native code writes to the descriptor, Python to the object

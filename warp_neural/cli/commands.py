@@ -1,6 +1,7 @@
 """The command `warp-neural`: describe network files, convert them, list devices."""
 
 import json
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -9,7 +10,8 @@ import numpy as np
 import tyro
 import warp as wp
 
-from warp_neural import cli
+from warp_neural import __version__, cli
+from warp_neural.cli.printing import lines_of
 from warp_neural.coopvec.combinations import combination_table, supported_combinations
 from warp_neural.errors import InputError
 from warp_neural.io.rtxns import RtxnsNetwork
@@ -119,23 +121,28 @@ class Devices(_Command):
     """List the devices of this machine and what the cooperative-vector functions take on each."""
 
     def main(self) -> dict:
-        devices = {}
+        devices, pages = {}, []
         for device in wp.get_devices():
             architecture = f"sm_{device.arch}" if device.is_cuda else "vectorised with Clang"
             row = {"name": device.name, "architecture": architecture}
             if device.is_cuda:
                 row["memory_gib"] = round(device.total_memory / 2**30, 1)
-            print(f"{device.alias}: {', '.join(map(str, row.values()))}\n{combination_table(device)}\n")
+            pages.append(f"{device.alias}: {', '.join(map(str, row.values()))}\n{combination_table(device)}\n")
             row["combinations"] = [vars(combination) for combination in supported_combinations(device)]
             devices[device.alias] = row
+        summary = {"devices": ", ".join(devices), "precisions": ", ".join(FORMATS)}
+        print("\n".join([*lines_of(summary), "", *pages]))
         print("native: tensor cores multiply; otherwise arithmetic per thread that rounds at the same places.")
-        print("wn.MLP runs on all of them with each implementation: cooperative, tiled, per_thread.\n")
-        return {"devices": devices} if self.json else {"devices": ", ".join(devices), "precisions": ", ".join(FORMATS)}
+        print("wn.MLP runs on all of them with each implementation: cooperative, tiled, per_thread.")
+        return {"devices": devices} if self.json else {}
 
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of `warp-neural`."""
-    cli.run(lambda command: command.main(), Info | Convert | Devices, args)
+    if (sys.argv[1:] if args is None else args) == ["--version"]:
+        print(f"warp-neural {__version__}")
+        return
+    cli.run(lambda command: command.main(), Info | Convert | Devices, args, prog="warp-neural")
 
 
 def _describe(state: NetworkState) -> dict:
