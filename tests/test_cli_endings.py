@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 
 from perf import layout, measure
 from warp_neural import cli
@@ -27,6 +28,7 @@ from warp_neural.samples.shader_training import __main__ as shader_training
 from warp_neural.samples.shader_training import step_02_simple_training
 from warp_neural.train.trainer import Trainer
 
+wp.init()  # what it has to say of the machine is no part of what is tested
 ROOT = Path(__file__).resolve().parent.parent
 linux = pytest.mark.skipif(sys.platform != "linux", reason="/dev/full and signals as Linux has them")
 
