@@ -36,7 +36,7 @@ CUDA = {
     "load_row.cuh": (f"{ROW}bool together = false;\n", {"N": 64, "SIZE": 2, "UNITS": 8}),
     "reduce_sum.cuh": (
         f"{REAL}{ATOMICS}real* target = x.data; wp::vec_t<4, real> v;\n",
-        {"N": 4},
+        {"N": 4, "WIDTH": 1},
     ),
 }
 CPU = {
@@ -45,7 +45,7 @@ CPU = {
     "math.h": (VECTORS, {}),
     "round_small_float.h": (VECTORS, SMALL_FLOATS[E4M3]),
 }
-BOTH = {"atomics.cuh": (REAL, {}), "encode_small_float.h": ("", SMALL_FLOATS[E4M3])}
+BOTH = {"atomics.cuh": (REAL, {}), "half_atomics.cuh": (REAL, {}), "encode_small_float.h": ("", SMALL_FLOATS[E4M3])}
 
 
 def find(name: str) -> Path:

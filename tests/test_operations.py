@@ -1,20 +1,13 @@
-"""The four cooperative-vector operations: small integers, exactly equal to NumPy, in every layout, under divergence."""
+"""Products of cooperative vectors and their adjoints: equal to NumPy in any layout, of any types, under divergence."""
 
 import numpy as np
 import pytest
 import warp as wp
 from products import ROOM, N, bias_buffer, choose, matrix_buffer, positions, small_integers, vectors
 
-from warp_neural.kernels.coopvec.operations import (
-    Buffer,
-    MatrixSpec,
-    make_matmul,
-    make_matmul_add,
-    make_outer_product_accumulate,
-    make_reduce_sum_accumulate,
-)
+from warp_neural.kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul, make_matmul_add
 from warp_neural.kernels.coopvec.product_types import product_types
-from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, FLOAT16, FLOAT32, FORMATS
+from warp_neural.kernels.nn.spec import FORMATS
 
 ROWS, COLUMNS = 20, 33
 CASES = [(ROWS, COLUMNS, f, layout) for f in FORMATS for layout in ("inferencing_optimal", "row_major")]
@@ -97,42 +90,3 @@ def test_matmul_reads_rows_a_stride_apart(device):
     x_array = wp.array(x.astype(np.float32), dtype=vec_in, device=device)
     wp.launch(kernel, 64, inputs=[x_array, buffer], outputs=[y], device=device)
     np.testing.assert_array_equal(y.numpy(), x @ matrix.T)
-
-
-@pytest.mark.parametrize("format", [FLOAT32, FLOAT16, BFLOAT16, E4M3], ids=lambda format: format.name)
-@pytest.mark.parametrize("layout", ["row_major", "training_optimal"])
-def test_accumulating_operations_are_exact(format, layout, device):
-    spec = MatrixSpec(ROWS, COLUMNS, format.name, layout)
-    outer_product, reduce_sum = make_outer_product_accumulate(spec), make_reduce_sum_accumulate(ROWS, wp.float32)
-    vec_a, vec_b = spec.vec_out, spec.vec_in
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def kernel(
-        a: wp.array[vec_a], b: wp.array[vec_b], divergence: int, weights: wp.array[float], biases: wp.array[float]
-    ):  # fmt: skip
-        i = wp.tid()
-        if divergence == 2 and i % 4 == 0:
-            return
-        which = int(0)
-        if divergence == 1:
-            which = i * 7 % 3
-        outer_product(a[i], b[i], weights, which * wp.static(ROOM), 0)
-        reduce_sum(a[i], biases, which * wp.static(ROWS))
-
-    rng = np.random.default_rng(2)
-    a, b = small_integers(rng, N, ROWS), small_integers(rng, N, COLUMNS)
-    for divergence in range(3):
-        which, active = choose(divergence)
-        weights, biases = (wp.zeros(3 * n, dtype=float, device=device) for n in (ROOM, ROWS))
-        vectors = [wp.array(v.astype(np.float32), dtype=t, device=device) for v, t in ((a, vec_a), (b, vec_b))]
-        wp.launch(kernel, N, inputs=[*vectors, divergence], outputs=[weights, biases], device=device)
-        result = weights.numpy().reshape(3, ROOM)[:, positions(layout, format, ROWS, COLUMNS)]
-        for m in range(3):
-            mine = (which == m) & active
-            np.testing.assert_array_equal(result[m], a[mine].T @ b[mine])
-            np.testing.assert_array_equal(biases.numpy().reshape(3, ROWS)[m], a[mine].sum(0))
-
-
-def test_outer_product_of_int8_is_refused():
-    with pytest.raises(ValueError, match="floating-point precision"):
-        make_outer_product_accumulate(MatrixSpec(4, 4, "int8"))

@@ -15,7 +15,7 @@ from warp_neural.kernels.coopvec.convert import LAYOUTS
 from warp_neural.kernels.coopvec.pool import pool
 from warp_neural.kernels.coopvec.product_types import PACKED, check_product
 from warp_neural.kernels.errors import InputError, require, require_whole
-from warp_neural.kernels.nn.spec import INT8, MAX_SIZE, Format, check_vector, format_of
+from warp_neural.kernels.nn.spec import C_TYPES, INT8, MAX_SIZE, Format, check_vector, format_of
 
 
 @wp.struct
@@ -142,39 +142,53 @@ def make_matmul(spec: MatrixSpec) -> wp.Function:
     return matmul
 
 
+def check_gradient(dtype: type) -> None:
+    require(dtype in C_TYPES, "gradient_dtype", dtype, "wp.float32 or wp.float16, the gradient's element type")
+
+
 @cache
-def make_outer_product_accumulate(spec: MatrixSpec) -> wp.Function:
+def make_outer_product_accumulate(spec: MatrixSpec, gradient_dtype: type = wp.float32) -> wp.Function:
     """`(a, b, gradient, offset, stride)`: gradient += a bᵀ, atomically (coopVecOuterProductAccumulateNV).
 
-    a: `spec.vec_out`; b: `spec.vec_in`; gradient: float32 array holding a rows x columns matrix in `spec.layout` from
-    element `offset` on, rows (columns) `stride` elements apart (0: tight). float16 and bfloat16 multiply on tensor
-    cores where a whole warp arrives, which sums its 32 threads before one addition to memory.
+    a: `spec.vec_out`; b: `spec.vec_in`; gradient: array of `gradient_dtype` holding a rows x columns matrix in
+    `spec.layout` from element `offset` on, rows (columns) `stride` elements apart (0: tight). float16 and bfloat16
+    multiply on tensor cores where a whole warp arrives, which sums its 32 threads before one addition to memory.
+
+    In float16 each addition to memory rounds to nearest even: what is added, a warp's float32 sum or the product of a
+    thread that arrives without one, and then the sum. So 2048 does not grow by ones, and sums past 65504 are infinite.
+    CUDA adds in any order, the CPU in that of its threads.
     """
     if spec.format is INT8:
         raise InputError("outer_product_accumulate needs a floating-point precision, not int8")
-    vec_a, vec_b = spec.vec_out, spec.vec_in
+    require(spec.dtype is spec.result, "dtype", spec.dtype, "wp.float32 or wp.float16, one type of both vectors")
+    check_gradient(gradient_dtype)
+    vec_a, vec_b, target = spec.vec_out, spec.vec_in, wp.array(dtype=gradient_dtype)
 
-    @wp.func_native(text.outer_product_text(spec))
-    def outer_product(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int, pool: wp.uint32): ...
+    @wp.func_native(text.outer_product_text(spec, gradient_dtype))
+    def outer_product(a: vec_a, b: vec_b, gradient: target, offset: int, stride: int, pool: wp.uint32): ...
 
     @wp.func
-    def outer_product_accumulate(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int):
+    def outer_product_accumulate(a: vec_a, b: vec_b, gradient: target, offset: int, stride: int):
         outer_product(a, b, gradient, offset, stride, pool())
 
     @wp.func_grad(outer_product_accumulate)
-    def adj_outer_product_accumulate(a: vec_a, b: vec_b, gradient: wp.array[float], offset: int, stride: int):
+    def adj_outer_product_accumulate(a: vec_a, b: vec_b, gradient: target, offset: int, stride: int):
         pass  # it is part of a gradient itself
 
     return outer_product_accumulate
 
 
 @cache
-def make_reduce_sum_accumulate(n: int, dtype: type) -> wp.Function:
-    """`(v, gradient, offset)`: gradient[offset + i] += v[i], atomically (coopVecReduceSumAccumulateNV)."""
-    check_vector(n, dtype)
-    vec = wp.types.vector(n, dtype)
+def make_reduce_sum_accumulate(n: int, dtype: type, gradient_dtype: type = wp.float32) -> wp.Function:
+    """`(v, gradient, offset)`: gradient[offset + i] += v[i], atomically (coopVecReduceSumAccumulateNV).
 
-    @wp.func_native(text.reduce_sum_text(n))
-    def reduce_sum_accumulate(v: vec, gradient: wp.array[float], offset: int): ...
+    gradient: array of `gradient_dtype`; float16 rounds as in `make_outer_product_accumulate`.
+    """
+    check_vector(n, dtype)
+    check_gradient(gradient_dtype)
+    vec, target = wp.types.vector(n, dtype), wp.array(dtype=gradient_dtype)
+
+    @wp.func_native(text.reduce_sum_text(n, gradient_dtype))
+    def reduce_sum_accumulate(v: vec, gradient: target, offset: int): ...
 
     return reduce_sum_accumulate

@@ -11,6 +11,8 @@ from warp_neural.kernels.coopvec.product_types import PACKED, c_type
 from warp_neural.kernels.native import ATOMICS, paste
 from warp_neural.kernels.nn.spec import BFLOAT16, C_TYPES, FLOAT16
 
+HALF_ATOMICS = paste(NATIVE / "half_atomics.cuh")
+
 
 def accessors(spec, stride: str = "matrix_stride") -> str:
     """Lambdas for the per-thread form: `index(n, k)` of the matrix as it multiplies, decode, encode, round_value."""
@@ -106,26 +108,32 @@ for (integer k = 0; k < {spec.columns}; ++k) {{
 """
 
 
-def outer_product_text(spec) -> str:
+def outer_product_text(spec, gradient_dtype: type) -> str:
     """Body of `outer_product_accumulate`."""
-    fast = tensor_outer_product(spec) if spec.format in (FLOAT16, BFLOAT16) else ""
+    target, half = c_type(gradient_dtype), gradient_dtype is wp.float16
+    add = "add_half" if half else "wp::atomic_add"
+    fast = tensor_outer_product(spec, gradient_dtype) if spec.format in (FLOAT16, BFLOAT16) else ""
     return f"""{accessors(spec, stride="stride")}
-real* const base_gradient = gradient.data + offset;
+{HALF_ATOMICS if half else ""}
+{target}* const base_gradient = gradient.data + offset;
 #if defined(__CUDA_ARCH__)
 {fast}
 #endif
 for (integer n = 0; n < {spec.rows}; ++n) for (integer k = 0; k < {spec.columns}; ++k)
-    wp::atomic_add(base_gradient + index(n, k),
+    {add}(base_gradient + index(n, k),
         round_value(static_cast<real>(a.c[n])) * round_value(static_cast<real>(b.c[k])));
 """
 
 
-def reduce_sum_text(n: int) -> str:
+def reduce_sum_text(n: int, gradient_dtype: type) -> str:
     """Body of `reduce_sum_accumulate`: a warp that arrives whole with one target adds its sum once."""
+    half = gradient_dtype is wp.float16
+    names = "auto add = add_half; auto add2 = add_half2;" if half else ATOMICS
     return f"""using real = wp::float32; using integer = wp::int32;
-real* const target = gradient.data + offset;
+{HALF_ATOMICS if half else ""}
+{c_type(gradient_dtype)}* const target = gradient.data + offset;
 #if defined(__CUDA_ARCH__)
-{ATOMICS}
-{paste(NATIVE / "reduce_sum.cuh", N=n)}#endif
-for (integer i = 0; i < {n}; ++i) wp::atomic_add(target + i, static_cast<real>(v.c[i]));
+{names}
+{paste(NATIVE / "reduce_sum.cuh", N=n, WIDTH=2 if half else 1)}#endif
+for (integer i = 0; i < {n}; ++i) {"add_half" if half else "wp::atomic_add"}(target + i, static_cast<real>(v.c[i]));
 """

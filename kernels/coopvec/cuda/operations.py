@@ -7,7 +7,7 @@ from warp_neural.kernels.coopvec.cuda import fragments, primitives
 from warp_neural.kernels.coopvec.cuda import network as cuda
 from warp_neural.kernels.coopvec.fragment_layout import Text, accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout
-from warp_neural.kernels.coopvec.product_types import PACKED
+from warp_neural.kernels.coopvec.product_types import PACKED, c_type
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.spec import C_TYPES, INT8, NetworkSpec, round_up
 
@@ -122,7 +122,7 @@ return y;
     return cuda.when_whole_warp(network, body)
 
 
-def tensor_outer_product(spec) -> str:
+def tensor_outer_product(spec, gradient_dtype: type) -> str:
     """Both vectors as fragments with samples along K: transposed block by block; one addition to memory a warp."""
     network, _ = as_network(spec)
     n_blocks, k_blocks = round_up(spec.rows, 16) // 16, round_up(spec.columns, 16) // 16
@@ -135,6 +135,19 @@ def tensor_outer_product(spec) -> str:
         value = [f"static_cast<real>({vector}.c[{i}])" if i < n else "0.0f" for i in range(round_up(n, 16))]
         return [[f"pack({value[i]}, {value[i + 1]})" for i in range(u, u + 8, 2)] for u in range(0, len(value), 8)]
 
+    half = gradient_dtype is wp.float16
+    add = f"""UNROLL for (int r = 0; r < 4; ++r) {{
+        const integer row = {row}, column = {column};
+        if (row < {spec.rows} && column < {spec.columns}) add(target + index(row, column), dw[r]);
+    }}"""
+    add_half = f"""UNROLL for (int r = 0; r < 4; r += 2) {{
+        const integer row = {row}, column = {column};
+        if (row >= {spec.rows} || column >= {spec.columns}) continue;
+        const integer place = index(row, column), next = index(row, column + 1);
+        const bool pair = column + 1 < {spec.columns};
+        if (pair && next == place + 1) add_half2(target + place, dw[r], dw[r + 1]);
+        else {{ add_half(target + place, dw[r]); if (pair) add_half(target + next, dw[r + 1]); }}
+    }}"""
     accumulate = f"""UNROLL for (int nb = 0; nb < {n_blocks}; ++nb) {{
 unsigned left[2][4];
 UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int r = 0; r < 4; ++r)
@@ -142,13 +155,13 @@ UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int r = 0; r < 4; ++r)
 UNROLL for (int kb = 0; kb < {k_blocks}; ++kb) UNROLL for (int s = 0; s < 2; ++s) {{
     real dw[4] = {{0.0f, 0.0f, 0.0f, 0.0f}};
     UNROLL for (int m = 0; m < 2; ++m) multiply_add(dw, dw, left[m], right[m][kb][2 * s], right[m][kb][2 * s + 1]);
-    UNROLL for (int r = 0; r < 4; ++r) {{
-        const integer row = {row}, column = {column};
-        if (row < {spec.rows} && column < {spec.columns}) add(const_cast<real*>(target) + index(row, column), dw[r]);
-    }}
+    {add_half if half else add}
 }} }}
 """
-    peel = fragments.for_each_network("const real* target = reinterpret_cast<const real*>(base);\n" + accumulate)
+    kind = c_type(gradient_dtype)
+    peel = fragments.for_each_network(
+        f"{kind}* target = const_cast<{kind}*>(reinterpret_cast<const {kind}*>(base));\n{accumulate}"
+    )
     body = f"""{primitives.prelude(network)}{primitives.staging(network)}{cuda_adjoint.prelude(network)}
 const unsigned long long key = reinterpret_cast<unsigned long long>(base_gradient);
 unsigned fa[2][{n_blocks}][4], fb[2][{k_blocks}][4], right[2][{k_blocks}][4];

@@ -1,5 +1,5 @@
-// The sum of a warp's vectors `v` of N elements, added to `target` once, where it arrives whole with one target.
-// Names: real, add of atomics.cuh.
+// The sum of a warp's vectors `v` of N elements, added to `target` once, where it arrives whole with one target; WIDTH
+// elements at a time, 1 or 2. Names: real, add(place, x), add2(place, x, y).
 
 bool together = __activemask() == 0xffffffffu;
 if (together) {
@@ -7,10 +7,20 @@ if (together) {
     together = __all_sync(0xffffffffu, key == __shfl_sync(0xffffffffu, key, 0));
 }
 if (together) {
-    for (int i = 0; i < N; ++i) {
+    auto sum_of = [&](int i) {
         real sum = static_cast<real>(v.c[i]);
         for (int bit = 16; bit > 0; bit /= 2) sum += __shfl_xor_sync(0xffffffffu, sum, bit);
-        if ((threadIdx.x & 31u) == 0u) add(target + i, sum);
+        return sum;
+    };
+    const bool first = (threadIdx.x & 31u) == 0u;
+    int i = 0;
+    for (; WIDTH == 2 && i + 1 < N; i += 2) {
+        const real low = sum_of(i), high = sum_of(i + 1);
+        if (first) add2(target + i, low, high);
+    }
+    for (; i < N; ++i) {
+        const real sum = sum_of(i);
+        if (first) add(target + i, sum);
     }
     return;
 }
