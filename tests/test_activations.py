@@ -1,5 +1,7 @@
 """Every activation, its derivative and its adjoint against float64."""
 
+import pickle
+
 import numpy as np
 import pytest
 import reference_networks as reference
@@ -61,6 +63,27 @@ def test_slope(name, device):
     y = launch(slope_kernel, device)[1].numpy()[NAMES.index(name)]
     expected = reference.ACTIVATIONS[name].slope(points().astype(np.float64))
     assert (np.abs(y - expected) <= tolerance(expected)).all()
+
+
+@pytest.mark.parametrize("text", ["z", "(z) + (z)", "wp::exp(z)", "(z + 1.0f) * 2.0f", "((z) - (z))", "(z)"])
+def test_texts_are_one_operand(text):
+    own = activations.Activation("own", text, text)
+    assert own.value == own.derivative == (text if text in ("((z) - (z))", "(z)") else f"({text})")
+    assert pickle.loads(pickle.dumps(own)) == own
+
+
+@pytest.mark.parametrize("name", ["softplus", "squareplus"])
+def test_tails_are_not_lost(name, device):
+    """Small results keep their digits: 1 / z for squareplus, exp(z) for softplus."""
+    values = np.array([-80.0, -20.0, -12.0, -7.0] if name == "softplus" else [-1e4, -3e3, -100.0, -5.0])
+    z = wp.array(values, dtype=float, device=device)
+    y, slopes = (wp.zeros((len(NAMES), len(z)), dtype=float, device=device) for _ in range(2))
+    wp.launch(value_kernel, len(z), [z], [y], device=device)
+    wp.launch(slope_kernel, len(z), [z], [slopes], device=device)
+    f = (lambda z: np.log1p(np.exp(z))) if name == "softplus" else (lambda z: 2 / (np.sqrt(z * z + 4) - z))
+    slope = (lambda z: 1 / (1 + np.exp(-z))) if name == "softplus" else (lambda z: f(z) / np.sqrt(z * z + 4))
+    np.testing.assert_allclose(y.numpy()[NAMES.index(name)], f(values), rtol=1e-5)  # of the exponential of -80
+    np.testing.assert_allclose(slopes.numpy()[NAMES.index(name)], slope(values), rtol=1e-5)
 
 
 def test_adjoint(device):

@@ -8,6 +8,7 @@ import warp as wp
 
 from warp_neural.kernels.coopvec.cpu.math import FUNCTIONS, MATH, on_vectors
 from warp_neural.kernels.coopvec.cpu.network import PRELUDE
+from warp_neural.kernels.nn import activations
 
 EXACT = {"exp": np.exp, "log": np.log, "tanh": np.tanh, "erf": np.vectorize(erf, otypes=[float]), "sin": np.sin}
 EXACT |= {"cos": np.cos, "sqrt": np.sqrt, "abs": np.abs}
@@ -48,3 +49,11 @@ def test_within_four_units_in_the_last_place(name):
 def test_unknown_functions_are_left_alone():
     assert on_vectors("z > 0.0f ? z : 0.0f") == "z > 0.0f ? z : 0.0f"
     assert on_vectors("wp::exp(z) + wp::atan(z)") is None
+
+
+def test_what_vectors_have_no_expression_for():
+    """Comparisons as numbers, other functions, double precision: those activations go one float at a time."""
+    for text in ("(z > 0.0f) * z", "z * 0.5", "1e-3 * z", "fmaxf(z, 0.0f)", "wp::max(z, 0.0f)", "float(z > 0.0f)"):
+        assert on_vectors(text) is None, text
+    for text in ("z > 0.0f ? z : 2 * z", "1e-3f * z", "wp::exp(z)", *(a.value for a in activations.ALL)):
+        assert on_vectors(text), text

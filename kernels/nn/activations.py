@@ -10,13 +10,17 @@ import warp as wp
 class Activation:
     """An elementwise activation h = f(z).
 
-    `value` and `derivative` are C++ expressions of the float `z`; native code inlines them. `func` is the same as a
-    differentiable `@wp.func` float -> float for Warp kernels.
+    `value` and `derivative` are C++ expressions of the float `z`; native code inlines them, each in parentheses that
+    it is given here. `func` is the same as a differentiable `@wp.func` float -> float for Warp kernels.
     """
 
     name: str
     value: str
     derivative: str
+
+    def __post_init__(self):
+        for name in ("value", "derivative"):
+            object.__setattr__(self, name, enclosed(getattr(self, name)))
 
     def __reduce__(self):  # copies and pickles leave the functions behind
         return type(self), (self.name, self.value, self.derivative)
@@ -38,6 +42,15 @@ class Activation:
         return slope
 
 
+def enclosed(expression: str) -> str:
+    """In one pair of parentheses, so that it stays one operand wherever it is pasted."""
+    depth, ends = 0, []  # where the parentheses are all closed again
+    for i, letter in enumerate(expression):
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        ends += [i] if depth == 0 else []
+    return expression if ends == [len(expression) - 1] and len(expression) > 1 else f"({expression})"
+
+
 SIGMOID = "(1.0f / (1.0f + wp::exp(-z)))"
 NORMAL_CDF = "(0.5f + 0.5f * wp::erf(0.70710678f * z))"
 
@@ -50,10 +63,15 @@ sigmoid = Activation("sigmoid", SIGMOID, f"{SIGMOID} * (1.0f - {SIGMOID})")
 tanh = Activation("tanh", "wp::tanh(z)", "(1.0f - wp::tanh(z) * wp::tanh(z))")
 silu = Activation("silu", f"z * {SIGMOID}", f"{SIGMOID} * (1.0f + z * (1.0f - {SIGMOID}))")
 gelu = Activation("gelu", f"z * {NORMAL_CDF}", f"({NORMAL_CDF} + 0.39894228f * z * wp::exp(-0.5f * z * z))")
-softplus = Activation("softplus", "((z > 0.0f ? z : 0.0f) + wp::log(1.0f + wp::exp(-wp::abs(z))))", SIGMOID)
+EXP = "wp::exp(-wp::abs(z))"  # of softplus; where it is small, the logarithm by its series: 1 + 1e-8 is 1
+LOG = f"({EXP} < 1e-3f ? {EXP} * (1.0f - 0.5f * {EXP}) : wp::log(1.0f + {EXP}))"
+softplus = Activation("softplus", f"(z > 0.0f ? z : 0.0f) + {LOG}", SIGMOID)
 sine = Activation("sine", "wp::sin(z)", "wp::cos(z)")
+ROOT = "wp::sqrt(z * z + 4.0f)"
 squareplus = Activation(
-    "squareplus", "0.5f * (z + wp::sqrt(z * z + 4.0f))", "0.5f * (1.0f + z / wp::sqrt(z * z + 4.0f))"
+    "squareplus",
+    f"z > 0.0f ? 0.5f * (z + {ROOT}) : 2.0f / ({ROOT} - z)",  # one number, written without a difference
+    f"z > 0.0f ? 0.5f + 0.5f * z / {ROOT} : 2.0f / (({ROOT} - z) * {ROOT})",
 )  # Barron 2021, "Squareplus", with b = 4
 
 SAME_SLOPE = (linear, relu, leaky_relu)  # the derivative at f(z) is that at z, so that z need not be kept
