@@ -1,10 +1,11 @@
 """The one exception for input that a user can mend, and the checks that raise it."""
 
-from math import isfinite
+from ctypes import c_float
+from math import isfinite, nan
 from operator import index
 from typing import Any
 
-LARGEST = 2**31 - 1
+LARGEST = 2**31 - 1  # of an index, a count or a coordinate on a device: 32 bits with a sign
 
 
 class InputError(ValueError):
@@ -20,15 +21,24 @@ def require(condition: bool, name: str, value: Any, expected: str) -> None:
 def require_whole(name: str, value: Any, low: int = 1, high: int = LARGEST) -> None:
     """A whole number from `low` to `high`."""
     try:
-        inside = low <= index(value) <= high
+        number = index(value)
     except TypeError:
-        inside = False
-    require(inside, name, value, f"a whole number of {low} to {high}" if high < LARGEST else f"a whole number >= {low}")
+        number = None
+    bounds = f"a whole number >= {low}" if high == LARGEST and (number or 0) <= high else f"{low} to {high}"
+    inside = number is not None and low <= number <= high
+    require(inside, name, value, bounds if ">=" in bounds else f"a whole number of {bounds}")
+
+
+def single(value: Any) -> float:
+    """A number as float32 has it: infinite where it is too large, NaN where it is none."""
+    try:
+        return c_float(value).value
+    except TypeError:
+        return nan
+    except OverflowError:
+        return float("inf")
 
 
 def is_finite(value: Any) -> bool:
-    """Whether it is a number, neither NaN nor infinite."""
-    try:
-        return isfinite(value)
-    except (TypeError, OverflowError):
-        return False
+    """Whether it is a number, neither NaN nor infinite, as float32 too."""
+    return isfinite(single(value))

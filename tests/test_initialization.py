@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warp_neural import MLP
+from warp_neural import MLP, InputError
 from warp_neural.nn.initialization import he_normal, he_uniform, xavier_normal, xavier_uniform
 
 N_OUT, N_IN = 200, 300
@@ -45,3 +45,19 @@ def test_networks_of_one_shape_differ(initialization):
     net = MLP(3, 2, width=16, depth=2, initialization=initialization, count=2, device="cpu")
     assert all((w[0] != w[1]).any() for w in net.weights)
     assert not any(b.any() for b in net.biases)
+
+
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        (lambda rng, n_out, n_in: rng.random(3), r"gave shape \(3,\); expected \[n_out, n_in\], here \(16, 3\)"),
+        (lambda rng, n_out, n_in: rng.random((n_in, n_out)), r"gave shape \(3, 16\)"),
+        (lambda rng, n_out, n_in: 0.5, r"gave shape \(\)"),
+        (lambda rng, n_out, n_in: np.full((n_out, n_in), np.nan), "gave numbers that are not finite"),
+        (lambda rng, n_out, n_in: [["a"] * n_in] * n_out, "could not convert string"),
+        (lambda rng: rng.random(3), "takes 1 positional argument"),
+    ],
+)
+def test_what_gives_no_matrix_is_refused(own, message):
+    with pytest.raises(InputError, match=f"^initialization: .*{message}"):
+        MLP(3, 2, width=16, depth=2, initialization=own, device="cpu")

@@ -39,6 +39,13 @@ def test_set_parameters(device):
         net.weights = [w.T for w in weights]
     with pytest.raises(InputError, match="biases of layer 1: str; expected numbers"):
         net.biases = [biases[0], "none"]
+    for values in ([1.0, 2.0], [weights[0][:1], weights[1]], [weights[0][None], weights[1]]):
+        with pytest.raises(InputError, match=r"weights of layer 0: shape .*; expected \(17, 5\)"):
+            net.weights = values
+    with pytest.raises(InputError, match=r"biases of layer 1: shape \(1,\); expected \(3,\)"):
+        net.biases = [biases[0], [0.5]]
+    with pytest.raises(InputError, match="weights: a list of float arrays; give one for each of 2 layers"):
+        net.weights = 1.0
     np.testing.assert_array_equal(net.weights[0], weights[0])
 
 
@@ -167,7 +174,7 @@ def test_moves_between_devices(device):
         ({"n_out": 300}, "n_out=300: expected"),
         ({"depth": 9}, "depth=9: expected a whole number of 0 to 8"),
         ({"depth": -1}, "depth=-1: expected"),
-        ({"count": 0}, "count=0: expected a whole number >= 1"),
+        ({"count": 0}, "count=0: expected a whole number of 1 to"),
         ({"width": 0}, "width=0: expected"),
         ({"n_in": 2.5}, "n_in=2.5: expected a whole number"),
         ({"activation": "relu"}, "activation='relu': expected one of wn.activations"),

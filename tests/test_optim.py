@@ -106,6 +106,33 @@ def test_wrong_parameters_are_refused(device):
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("value", [1.0, -0.1, float("nan"), float("inf"), 1 - 1e-12, 1e300, 10**400, "0.9", None])
+@pytest.mark.parametrize("name", ["beta1", "beta2", "momentum"])
+def test_decays_are_those_of_float32(name, value):
+    """1 - 1e-12 is 1 there, and 1 / (1 - 1) no correction."""
+    with pytest.raises(InputError, match=f"{name}=.*: expected a number in") as error:
+        (SGD if name == "momentum" else Adam)(**{name: value})
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf"), 1e300, "0.1", None])
+@pytest.mark.parametrize("name", ["eps", "weight_decay", "lr"])
+def test_numbers_are_those_of_float32(name, value):
+    with pytest.raises(InputError, match=f"{name}=.*: expected a"):
+        Adam(**{name: value})
+    with pytest.raises(InputError, match="eps=1e-300: expected a positive number of float32"):
+        Adam(eps=1e-300)
+
+
+def test_steps_are_not_recorded(device):
+    """A step under a tape is no part of what is differentiated."""
+    parameters = wp.zeros(3, dtype=float, device=device, requires_grad=True)
+    optimizer = Adam(parameters)
+    with wp.Tape() as tape:
+        optimizer.step()
+    assert not tape.launches
+
+
 def test_what_they_are_in_one_line():
     assert str(Adam(lr=linear(0.1, 0.0, 4))).startswith(
         "Adam(lr=0.1 to 0 in 5 steps, beta1=0.9, beta2=0.999, eps=1e-08"

@@ -255,6 +255,9 @@ def test_what_is_told_is_read_only():
         ({"loss": wn.losses.l2.weighted(1, 2)}, "2 weights for 3 components"),
         ({"optimizer": "adam"}, "optimizer='adam': expected Adam or SGD"),
         ({"loss_scale": 0}, "loss_scale=0: expected a positive number"),
+        ({"loss_scale": 1e300}, r"loss_scale=1e\+300: expected a positive number of float32"),
+        ({"loss_scale": 1e-40}, "loss_scale=1e-40: expected a positive number of float32"),
+        ({"average": 1 - 1e-12}, "expected the decay of an average"),
         ({"seed": 0.5}, "seed=0.5: expected a whole number"),
     ],
 )

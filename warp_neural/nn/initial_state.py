@@ -10,7 +10,7 @@ from warp_neural.kernels.errors import LARGEST, require, require_whole
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.encodings import Encoding
 from warp_neural.kernels.nn.spec import MAX_LAYERS, MAX_SIZE, NetworkSpec, format_of
-from warp_neural.nn.state import NetworkState
+from warp_neural.nn.state import NetworkState, check_size
 
 
 def initial_state(
@@ -35,13 +35,13 @@ def initial_state(
     require_whole("n_out", n_out, 1, MAX_SIZE)
     require_whole("width", width, 1, MAX_SIZE)
     require_whole("depth", depth, 0, MAX_LAYERS - 1)
-    require_whole("count", count)
     require_whole("seed", seed, 0)
     for name, value in (("activation", activation), ("output_activation", output_activation)):
         require(isinstance(value, Activation), name, value, "one of wn.activations, or an Activation of your own")
     dtype = wp.float32 if dtype is float else dtype
     sizes = (encoding.n_out(n_in) if encoding else n_in, *[width] * depth, n_out)
     spec = NetworkSpec(sizes, activation, output_activation, format_of(precision), accumulation, dtype)
+    check_size(count, spec, encoding, n_in)
     rng = np.random.default_rng(seed)
     layers = [_initial_layer(rng, k, n, initialization) for k, n in spec.layers * count]
     own = rng.uniform(*encoding.initial, count * encoding.n_parameters(n_in)) if encoding else None
@@ -51,7 +51,11 @@ def initial_state(
 
 
 def _initial_layer(rng: np.random.Generator, n_in: int, n_out: int, initialization: Callable) -> np.ndarray:
-    weights = np.asarray(initialization(rng, n_out, n_in))
-    if weights.shape != (n_out, n_in):
-        raise InputError(f"initialization: gave shape {weights.shape}; expected [n_out, n_in], here {(n_out, n_in)}")
+    try:
+        weights = np.asarray(initialization(rng, n_out, n_in), np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"initialization: {error}; expected (rng, n_out, n_in) -> [n_out, n_in] numbers") from error
+    if weights.shape != (n_out, n_in) or not np.isfinite(weights).all():
+        here = f"shape {weights.shape}" if weights.shape != (n_out, n_in) else "numbers that are not finite"
+        raise InputError(f"initialization: gave {here}; expected [n_out, n_in], here {(n_out, n_in)}, all finite")
     return np.hstack([weights.ravel(), np.zeros(n_out)])

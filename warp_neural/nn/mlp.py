@@ -16,6 +16,7 @@ from warp_neural.kernels.coopvec.rows import (
     make_of_row,
     make_of_row_together,
 )
+from warp_neural.kernels.errors import LARGEST, require_whole
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.encodings import Encoding
@@ -180,6 +181,7 @@ class MLP(Kind):
     def evaluate(self, x: np.ndarray | wp.array) -> wp.array:
         """Network 0 of each row of x [n, n_in]: [n, n_out], both of the dtype of the vectors. Forward only."""
         dtype = self.spec.dtype
+        require_whole("rows", (*np.shape(x), 0)[0], 0, LARGEST - BLOCK)
         if not isinstance(x, wp.array):
             x = wp.array(x, dtype=dtype, device=self.device)
         if x.ndim != 2 or x.shape[1] != self.n_in or x.dtype is not dtype or x.device != self.device:

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.errors import require, require_whole
+from warp_neural.kernels.coopvec.layout import network_layout
+from warp_neural.kernels.errors import LARGEST, require, require_whole
 from warp_neural.kernels.nn.encodings import Encoding
 from warp_neural.kernels.nn.spec import INT8, NetworkSpec
 from warp_neural.nn.kind import IMPLEMENTATIONS, Kind
@@ -35,7 +36,7 @@ class NetworkState(Kind):
 
     def __post_init__(self):
         spec, n_in = self.spec, self.spec.sizes[0] if self.n_in is None else self.n_in
-        require_whole("count", self.count)
+        check_size(self.count, spec, self.encoding, n_in)
         names = ", ".join(IMPLEMENTATIONS)
         require(self.implementation in IMPLEMENTATIONS, "implementation", self.implementation, f"one of {names}")
         given = self.encoding.n_out(n_in) if self.encoding else n_in
@@ -88,11 +89,20 @@ class NetworkState(Kind):
         ):
             if values is None:
                 continue
-            if len(values) != len(views):
-                raise InputError(f"{name}: a list of {len(values)} arrays; give one for each of {len(views)} layers")
+            n = len(values) if isinstance(values, list | tuple) else type(values).__name__
+            if n != len(views):
+                raise InputError(f"{name}: a list of {n} arrays; give one for each of {len(views)} layers")
             for layer, (view, value) in enumerate(zip(views, values, strict=True)):
                 view[...] = _fitted(f"{name} of layer {layer}", value, view.shape)
         return replace(self, parameters=parameters)
+
+
+def check_size(count: int, spec: NetworkSpec, encoding: Encoding | None, n_in: int) -> None:
+    """That indices into the buffers of `count` networks fit; nothing is allocated before."""
+    own = encoding.n_parameters(n_in) if encoding else 0
+    require_whole(f"parameters of {type(encoding).__name__}", own, 0, LARGEST // 2)
+    words = max(network_layout(spec, cuda)[1] for cuda in (False, True))
+    require_whole("count", count, 1, LARGEST // max(words, spec.n_parameters + own))
 
 
 def layers_of(spec: NetworkSpec, parameters: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -110,7 +120,7 @@ def layers_of(spec: NetworkSpec, parameters: np.ndarray) -> tuple[list[np.ndarra
 def _read_only(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     """A copy in float32."""
     array = _array(name, values)
-    if array.size != np.prod(shape):
+    if array.shape not in (shape, (np.prod(shape),)):
         raise InputError(f"{name}: shape {array.shape}; expected {shape}")
     array = array.reshape(shape).copy()
     array.flags.writeable = False
@@ -119,10 +129,9 @@ def _read_only(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 def _fitted(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     array = _array(name, values)
-    try:
-        return np.broadcast_to(array, shape)
-    except ValueError:
-        raise InputError(f"{name}: shape {array.shape}; expected {shape}") from None
+    if array.shape != shape:  # one number for a matrix is rather a mistake than a wish
+        raise InputError(f"{name}: shape {array.shape}; expected {shape}")
+    return array
 
 
 def _array(name: str, values: Any) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from warp_neural.kernels.errors import require_whole
 from warp_neural.kernels.nn.encodings.base import Leaf
 from warp_neural.kernels.training.encoded_batch import (
     SHARED_SUMS_TILE,
@@ -24,6 +25,8 @@ class EncodedBatch:
 
     def __init__(self, net: MLP, sample: wp.Function, batch: int):
         self.used = net.encoding is not None and net.encoding.n_parameters(net.n_in) > 0
+        for leaf in net.encoding.leaves(net.n_in) if self.used else ():
+            require_whole(f"batch={batch}: threads of {type(leaf.encoding).__name__}", threads_of(leaf, batch))
         shape = batch if self.used else 0, net.spec.sizes[0]
         self.values = wp.zeros(shape, dtype=encoded_type(net.spec.format), device=net.device)
         self.leaves, self.aside = [], None

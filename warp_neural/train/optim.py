@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.errors import is_finite, require, require_whole
+from warp_neural.kernels.errors import is_finite, require, require_whole, single
 from warp_neural.kernels.nn.optimizers import adam, make_update_kernel, sgd, tick_kernel
 
 __all__ = ["SGD", "Adam", "Parameters", "cosine", "exponential", "linear"]
@@ -88,9 +88,9 @@ class _Optimizer:
         for name, value in options.items():
             valid, expected = is_finite(value) and value >= 0, "a finite number, not negative"
             if name in ("beta1", "beta2", "momentum"):
-                valid, expected = valid and value < 1, "a number in [0, 1)"
+                valid, expected = valid and single(value) < 1, "a number in [0, 1) of float32"
             if name == "eps":
-                valid, expected = valid and value > 0, "a positive number"
+                valid, expected = valid and single(value) > 0, "a positive number of float32"
             require(valid, f"{type(self).__name__}: {name}", value, expected)
         self.lr, self.clear, self.options = _rates(lr), clear, options
         *others, decay = options.values()
@@ -122,9 +122,10 @@ class _Optimizer:
     def step(self) -> None:
         """Update the parameters from their gradients."""
         tick = [self.rates, self.settings[0], self.settings[1], self.steps, self._scalars]
-        wp.launch(tick_kernel, dim=1, inputs=tick, device=self.device)
+        wp.launch(tick_kernel, dim=1, inputs=tick, device=self.device, record_tape=False)
         inputs = [self._scalars, self.settings, self.clear, self.gradient, self.first, self.second, self.values]
-        wp.launch(make_update_kernel(self.update), dim=self.values.size, inputs=inputs, device=self.device)
+        kernel, dim = make_update_kernel(self.update), self.values.size
+        wp.launch(kernel, dim, inputs, device=self.device, record_tape=False)
 
 
 class Adam(_Optimizer):
@@ -171,9 +172,11 @@ class SGD(_Optimizer):
 
 def _rates(values: float | np.ndarray) -> np.ndarray:
     try:
-        rates = np.array(values, dtype=np.float32)
-    except (TypeError, ValueError):
+        rates = np.array(values)
+    except ValueError:
         rates = np.empty(0)
+    with np.errstate(over="ignore"):  # too large is infinite, and refused
+        rates = rates.astype(np.float32) if rates.dtype.kind in "iuf" else np.empty(0)
     valid = rates.ndim <= 1 and rates.size > 0 and np.isfinite(rates).all() and (rates >= 0).all()
     require(valid, "lr", values, "a rate, or those of the steps to come, finite and not negative")
     rates.flags.writeable = False

@@ -11,13 +11,13 @@ import warp as wp
 from tqdm import tqdm
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.errors import require_whole
+from warp_neural.kernels.errors import LARGEST, require_whole
 from warp_neural.kernels.nn.losses import Loss, l2
 from warp_neural.kernels.nn.spec import INT8
 from warp_neural.kernels.training.progress import Progress
 from warp_neural.kernels.training.update import Update
 from warp_neural.nn.mlp import MLP
-from warp_neural.train.arguments import batch_sizes, check_arguments, digest
+from warp_neural.train.arguments import batch_sizes, check_arguments, check_data, digest
 from warp_neural.train.checkpoint import load_checkpoint, save_checkpoint
 from warp_neural.train.cpu_steps import FusedCpu
 from warp_neural.train.optim import SGD, Adam
@@ -78,6 +78,8 @@ class Trainer:
     ):
         numbers = {"batches": batches, "average": average, "loss_scale": loss_scale, "seed": seed}
         check_arguments(net, sample, loss, optimizer, numbers)
+        check_data(sample, data, net.device)
+        sizes = batch_sizes(batch, batches)
         in_one = fused_steps(net)
         if fused and in_one is None:
             raise InputError("fused=True: not for this network on this device (see Trainer); leave it out")
@@ -85,7 +87,7 @@ class Trainer:
         self.net, self.device, self.fused = net, net.device, kind is not Taped
         self.optimizer = optimizer or Adam()
         self.optimizer.bind(net.master)
-        self.sizes, self.batches, self.seed, self.index = batch_sizes(batch), batches, seed, 0
+        self.sizes, self.batches, self.seed, self.index = sizes, batches, seed, 0
         self.loss_function, self.loss_scale = loss, loss_scale
         scale = loss_scale or (128.0 if kind is FusedCuda else 1.0)
         self.progress = self._progress(scale)
@@ -119,10 +121,20 @@ class Trainer:
 
     def gradient(self) -> np.ndarray:
         """The gradient of the loss of the next step, which is not taken; float32 [net.master.size]."""
+        self._settle()
         self._gradient()
         total = self.launches.gathered()
-        self.net.gradient.zero_()
+        self._settle()
         return total / (self.progress.scale.numpy()[self.index % 2] * self.batch_of(self.index) * self.batches)
+
+    def _settle(self) -> None:
+        """Between two steps, whatever came before: the device's count of steps holds, and nothing of a step that was
+        not finished, or of other gradients, enters the next."""
+        self.index = int(self.progress.counters.numpy()[0])
+        self.net.gradient.zero_()
+        for array in (self.progress.flags, self.progress.losses):
+            at = self.index % len(array)
+            array[at : at + 1].zero_()
 
     def _gradient(self) -> None:
         for micro in range(self.batches):
@@ -151,9 +163,19 @@ class Trainer:
 
         `loss` is looked at every 32 steps. checkpoint: a file to `save` to every 30 seconds and at the end. A progress
         bar shows the loss and samples a second, unless `quiet` or without a terminal. Raises `InputError` where no
-        gradient was finite for 32 steps; they left the parameters as they were.
+        gradient was finite for 32 steps; they left the parameters as they were. After an error or Ctrl-C `index` is
+        what the device has done, and the run can go on.
         """
-        require_whole("steps", steps, 0)
+        require_whole("steps", steps, 0, LARGEST - self.index)
+        self._settle()
+        try:
+            return self._run(steps, target, checkpoint, quiet)
+        except BaseException:
+            self._settle()
+            self.net.pack()
+            raise
+
+    def _run(self, steps: int, target: float, checkpoint: Path | str | None, quiet: bool) -> float:
         end, begin, samples = self.index + steps, time.perf_counter(), 0
         saved = begin
         with tqdm(total=steps, disable=True if quiet else None, file=sys.stderr, unit="step") as bar:
