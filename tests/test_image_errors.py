@@ -41,15 +41,16 @@ def test_truncated_flat_hdr(tmp_path):
 def test_hdr_of_other_kinds(tmp_path):
     path = tmp_path / "a.hdr"
     path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n\1\2\3\4")
-    refused(path, "RGBE")
-    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n+X 1 -Y 1\n\1\2\3\4")
-    refused(path, "-Y height")
-    path.write_bytes(b"#?RADIANCE\n\n-Y 1 +X 2\n\1\2\3\4\1\1\1\1")  # run lengths of before 1991
+    refused(path, "XYZE.*ra_xyze")
+    path.write_bytes(b"#?RADIANCE\nFORMAT=16-bit\n\n-Y 1 +X 1\n\1\2\3\4")
+    refused(path, "FORMAT=16-bit")
+    path.write_bytes(b"#?RADIANCE\n\n-Y 1 +X 2\n\1\1\1\1\1\2\3\4")  # repeats a pixel before the first
     refused(path, "damaged")
     path.write_bytes(b"#?RGBE\n\n-Y 1 +X 8\n\2\2\0\x08" + 4 * b"\x89\x01")  # runs of 9 in rows of 8
     refused(path, "damaged")
-    path.write_bytes(b"#?RGBE\nEXPOSURE=2\n\n-Y 1 +X 8\n\2\2\0\x08" + 4 * b"\x88\x80")
-    assert np.array_equal(load_image(path), np.full((1, 8, 3), 0.5))
+    for header in (b"EXPOSURE=0", b"EXPOSURE=one", b"PRIMARIES=1 2", b"COLORCORR=1 1"):
+        path.write_bytes(b"#?RGBE\n" + header + b"\n\n-Y 1 +X 8\n\2\2\0\x08" + 4 * b"\x88\x80")
+        refused(path, header.split(b"=")[0].decode())
 
 
 def hostile_png(size):
@@ -70,11 +71,11 @@ def test_gigantic_sizes_are_refused_from_the_header(tmp_path, size):
     (tmp_path / "a.png").write_bytes(hostile_png(size))
     refused(tmp_path / "a.png", "scale it down|claims|damaged")
     (tmp_path / "a.hdr").write_bytes(b"#?RGBE\n\n-Y %d +X %d\n" % (size, size))
-    refused(tmp_path / "a.hdr", "claims|size" if size < 10**9 else "RGBE")
+    refused(tmp_path / "a.hdr", "claims|size")
     save_image(tmp_path / "a.exr", PICTURE)
     with_bytes(tmp_path / "a.exr", b"dataWindow\0box2i\0", 4, struct.pack("<4i", 0, 0, size - 1, size - 1))
-    refused(tmp_path / "a.exr", "claims|readable")
-    save_image(tmp_path / "a.tif", PICTURE)
+    refused(tmp_path / "a.exr", "claims|exceeds|Invalid")
+    tifffile.imwrite(tmp_path / "a.tif", PICTURE, photometric="rgb")
     with_bytes(tmp_path / "a.tif", struct.pack("<HHI", 256, 4, 1), 0, struct.pack("<I", size))
     with_bytes(tmp_path / "a.tif", struct.pack("<HHI", 257, 4, 1), 0, struct.pack("<I", size))
     refused(tmp_path / "a.tif", "claims")
@@ -87,7 +88,7 @@ def test_gigantic_exr_tiles(tmp_path):
     OpenEXR.File(header, {"Y": PICTURE[..., 0].copy()}).write(str(tmp_path / "a.exr"))
     assert np.array_equal(load_image(tmp_path / "a.exr"), PICTURE[..., :1])
     with_bytes(tmp_path / "a.exr", b"tiles\0tiledesc\0", 4, struct.pack("<2I", 64, 2**24))
-    refused(tmp_path / "a.exr", "tiles of|readable")
+    refused(tmp_path / "a.exr", "tiles of|tile size")
 
 
 def test_names_and_suffixes(tmp_path):
@@ -132,6 +133,7 @@ def test_wrong_use(tmp_path):
     for shape in ((4, 4, 2), (4, 4, 5), (4,), (0, 4, 3)):
         refused(tmp_path / "a.png", "shape", lambda path, shape=shape: save_image(path, np.zeros(shape, np.float32)))
     refused(tmp_path / "a.jpg", "JPEG takes", lambda path: save_image(path, np.zeros((4, 4, 4), np.float32)))
+    refused(tmp_path / "a.jpg", "65500 a side", lambda path: save_image(path, np.zeros((65501, 1), np.float32)))
     refused(tmp_path / "a.png", "uint8", lambda path: save_image(path, np.zeros((4, 4), np.uint8)))
     refused(tmp_path / "a.png", "bits=12", lambda path: save_image(path, PICTURE, bits=12))
     refused(tmp_path / "a.png", "sRGB", lambda path: save_image(path, PICTURE, color_space="sRGB"))
@@ -144,14 +146,14 @@ def test_wrong_use(tmp_path):
 
 def test_types_of_tiff_that_are_not_taken(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 4), np.int32))
-    refused(tmp_path / "a.tif", "int32")
+    refused(tmp_path / "a.tif", "32-bit signed integers")
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 4, 6), np.uint8), photometric="minisblack", planarconfig="contig")
-    refused(tmp_path / "a.tif", "shape")
+    refused(tmp_path / "a.tif", "6 channels")
 
 
-def test_compressed_picture_bomb_of_pillow(tmp_path):
+def test_small_file_of_a_large_picture(tmp_path):
     Image.new("1", (20_000, 10_000)).save(tmp_path / "a.png")  # 200 million pixels in a small file
-    refused(tmp_path / "a.png", "exceeds limit.*scale it down")
+    refused(tmp_path / "a.png", "claims.*scale it down")
 
 
 def test_real_files(shared_data):

@@ -1,19 +1,20 @@
-"""OpenEXR files: any named channels, half, float or uint, every compression the OpenEXR library reads."""
+"""OpenEXR files: any named channels, half, float or uint, every compression of the OpenEXR library.
 
-import io
+OpenImageIO reads them: it says what is wrong where the OpenEXR module prints it. That module writes them: it alone
+takes channels of several types at once.
+"""
+
 from collections.abc import Mapping
-from contextlib import redirect_stdout
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import OpenEXR
+import OpenImageIO as oiio
 
 from warp_neural.errors import InputError
+from warp_neural.imaging.library import opened, read_pixels
+from warp_neural.imaging.stored import MAX_PIXELS, Stored, read_file, straight
 from warp_neural.io.files import atomic_path
-
-MAX_PIXELS = 2**27
-"""The largest picture that is read, e.g. 16384 x 8192: a header that claims more is refused before memory is taken."""
 
 _MAX_TILE = 2**24
 _PIXEL_TYPES = (np.float16, np.float32, np.uint32)
@@ -22,12 +23,13 @@ _PIXEL_TYPES = (np.float16, np.float32, np.uint32)
 def load_exr(path: Path | str) -> dict[str, np.ndarray]:
     """Every channel of a single-part EXR by its name, as stored: float16, float32 or uint32 `[height, width]`.
 
-    The pixels are those of the data window; values are not judged, so depth may be infinite. A subsampled channel keeps
-    its smaller size. Raises `InputError` for multi-part and deep files and for damaged ones.
+    The pixels are those of the data window; values are not judged, so depth may be infinite; no colour is converted.
+    Raises `InputError` for multi-part and deep files, subsampled channels and damaged files.
     """
     path = Path(path)
-    check_header(path)
-    return read_channels(path, path)
+    with opened(read_file(path), ".exr", path) as file:
+        check_parts(file, path)
+        return read_channels(file, path)
 
 
 def save_exr(
@@ -41,7 +43,62 @@ def save_exr(
     header = {"compression": compression, "type": OpenEXR.scanlineimage}
     file = OpenEXR.File(header, checked_channels(path, channels))
     with atomic_path(path) as temporary:
-        write_file(file, str(temporary), path)
+        try:
+            file.write(str(temporary))
+        except (RuntimeError, ValueError) as error:
+            raise InputError(f"{path}: the EXR could not be written ({error}); nothing was changed") from error
+
+
+def decode_exr(data: bytes, path: Path) -> Stored:
+    """R, G, B and A, or the only channel, or Y with A, of the file `data`.
+
+    EXR colours are premultiplied by alpha ("Technical Introduction to OpenEXR", Alpha), so they are divided by it.
+    """
+    with opened(data, ".exr", path) as file:
+        check_parts(file, path)
+        primaries = file.spec().getattribute("chromaticities")
+        channels = read_channels(file, path)
+    names = "".join(name for name in "YRGBA" if name in channels)
+    if len(channels) == 1:
+        (only,) = channels.values()
+        return Stored(only[..., None].astype(np.float32))
+    if names not in ("RGB", "RGBA", "YA"):
+        raise InputError(f"{path}: channels {', '.join(channels)}, not R, G, B; read them with load_exr")
+    pixels = np.stack([channels[name].astype(np.float32) for name in names.replace("YA", "YYYA")], axis=-1)
+    primaries = tuple(float(x) for x in primaries) if primaries is not None and "R" in names else None
+    return Stored(straight(pixels) if "A" in names else pixels, primaries=primaries)
+
+
+def check_parts(file: oiio.ImageInput, path: Path) -> None:
+    """Refuse, from the header alone, what is not one flat picture of a sensible size."""
+    spec = file.spec()
+    names = [spec.get_string_attribute("oiio:subimagename", "unnamed")]
+    while len(names) < 99 and file.seek_subimage(len(names), 0):
+        names.append(file.spec().get_string_attribute("oiio:subimagename", "unnamed"))
+    file.geterror()  # there is no further part
+    if len(names) > 1:
+        raise InputError(
+            f"{path}: multi-part EXR with the parts {', '.join(names)}; save the one you want as a single-part EXR"
+        )
+    file.seek_subimage(0, 0)
+    if spec.deep:
+        raise InputError(f"{path}: deep EXR (many samples a pixel); flatten it first")
+    if spec.width * spec.height * max(1, spec.nchannels / 4) > MAX_PIXELS:
+        raise InputError(
+            f"{path}: claims {spec.width} x {spec.height} pixels of {spec.nchannels} channels, more than {MAX_PIXELS} "
+            "of 4; scale it down"
+        )
+    if spec.tile_width * spec.tile_height > _MAX_TILE:  # memory is taken for whole tiles
+        raise InputError(f"{path}: tiles of {spec.tile_width} x {spec.tile_height} pixels; save it with smaller ones")
+
+
+def read_channels(file: oiio.ImageInput, path: Path) -> dict[str, np.ndarray]:
+    """The channels of the current level, by name."""
+    spec = file.spec()
+    if not spec.channelformats:
+        pixels = read_pixels(file, path)
+        return {name: np.ascontiguousarray(pixels[..., k]) for k, name in enumerate(spec.channelnames)}
+    return {name: read_pixels(file, path, (k, k + 1))[..., 0] for k, name in enumerate(spec.channelnames)}
 
 
 def checked_channels(path: Path, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -56,46 +113,3 @@ def checked_channels(path: Path, channels: Mapping[str, np.ndarray]) -> dict[str
         if values.dtype not in _PIXEL_TYPES:
             raise InputError(f"{path}: channel {name} is {values.dtype}; convert it to float16, float32 or uint32")
     return pixels
-
-
-def read_channels(source: Path | BinaryIO, path: Path) -> dict[str, np.ndarray]:
-    """The channels of the first part of `source`; errors are `InputError`s about `path`."""
-    with redirect_stdout(io.StringIO()):  # a part that fails is printed and left out, not raised
-        parts = _open(source, path).parts
-    if not parts:
-        raise InputError(f"{path}: the EXR's pixel data is cut short or damaged; export or copy it again")
-    return {name: channel.pixels for name, channel in parts[0].channels.items()}
-
-
-def write_file(file: OpenEXR.File, target: str | BinaryIO, path: Path) -> None:
-    """Write `file` to `target`, a path or stream; the library's own errors become an `InputError` about `path`."""
-    try:
-        file.write(target)
-    except (RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: the EXR could not be written ({error}); nothing was changed") from error
-
-
-def _open(source: Path | BinaryIO, path: Path, header_only: bool = False) -> OpenEXR.File:
-    source = str(source) if isinstance(source, Path) else source
-    try:
-        return OpenEXR.File(source, separate_channels=True, header_only=header_only)
-    except (RuntimeError, ValueError) as error:
-        raise InputError(f"{path}: not a whole, readable EXR ({error}); export or copy it again") from error
-
-
-def check_header(path: Path) -> None:
-    """Refuse, from the header alone, what is not one flat picture of a sensible size."""
-    parts = _open(path, path, header_only=True).parts
-    if len(parts) > 1:
-        names = ", ".join(part.header.get("name", "unnamed") for part in parts)
-        raise InputError(f"{path}: multi-part EXR with the parts {names}; save the one you want as a single-part EXR")
-    header = parts[0].header
-    if header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
-        raise InputError(f"{path}: deep EXR (many samples a pixel); flatten it first")
-    low, high = (np.asarray(corner, dtype=np.int64) for corner in header["dataWindow"])
-    width, height = (int(size) for size in high - low + 1)
-    if width * height * max(1, len(header["channels"]) / 4) > MAX_PIXELS:
-        raise InputError(f"{path}: claims {width} x {height} pixels, more than {MAX_PIXELS} in all; scale it down")
-    tiles = header.get("tiles")
-    if tiles and tiles.xSize * tiles.ySize > _MAX_TILE:  # the library takes memory for whole tiles
-        raise InputError(f"{path}: tiles of {tiles.xSize} x {tiles.ySize} pixels; save it with smaller ones")

@@ -1,15 +1,17 @@
 """Images on disk from and to linear float32 arrays `[height, width, channels]`."""
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from warp_neural.errors import InputError
-from warp_neural.imaging.exr import MAX_PIXELS, load_exr, save_exr
+from warp_neural.imaging.exr import decode_exr, load_exr, save_exr
 from warp_neural.imaging.exr_mips import load_exr_mips, save_exr_mips
+from warp_neural.imaging.primaries import to_rec_709
 from warp_neural.imaging.radiance import decode_hdr, encode_hdr
-from warp_neural.imaging.raster import decode_pillow, decode_tiff, encode_jpeg, encode_png, encode_tiff
+from warp_neural.imaging.raster import decode_jpeg, decode_png, encode_jpeg, encode_png
+from warp_neural.imaging.stored import ColorSpace, Stored, read_file
+from warp_neural.imaging.tiff import decode_tiff, encode_tiff
 from warp_neural.io.files import atomic_path
 
 __all__ = [
@@ -23,8 +25,6 @@ __all__ = [
     "srgb_to_linear",
     "suffixes",
 ]
-
-ColorSpace = Literal["srgb", "linear"]
 
 _SUFFIXES = {
     ".png": "PNG",
@@ -42,32 +42,36 @@ _MAGIC = {
     b"MM\0*": "TIFF",
     b"II+\0": "TIFF",
     b"MM\0+": "TIFF",
-    b"#?R": "Radiance HDR",
+    b"#?": "Radiance HDR",
     b"\x76\x2f\x31\x01": "EXR",
 }
 _BITS = {"PNG": (8, 16), "JPEG": (8,), "TIFF": (8, 16, 32), "Radiance HDR": (8,), "EXR": (32, 16)}
 """Bits a channel; the first is the default."""
 
+_JPEG_SIDE = 65500  # libjpeg's limit
+
 
 def load_image(path: Path | str, *, color_space: ColorSpace | None = None) -> np.ndarray:
     """PNG, JPEG, TIFF, Radiance HDR or EXR as linear float32 `[height, width, channels]`.
 
-    Channels: 1 (grey), 3 (RGB) or 4 (RGBA; alpha is never decoded from sRGB). Integer files give values in [0, 1],
-    float files theirs, which may be negative or above 1 but always finite. `color_space` says how the FILE is encoded;
-    None means srgb for integer files and linear for float ones. Pass "linear" for data such as roughness or normals.
-    Of an EXR, R G B (A) or the only channel is taken; of a TIFF the first picture.
+    Channels: 1 (grey), 3 (RGB) or 4 (RGBA). Alpha is straight, colours are not multiplied by it, and never decoded from
+    sRGB. Integer files give values in [0, 1], code / largest code; float files theirs, which may be negative or above 1
+    but always finite. Orientation tags are obeyed. Of an EXR, R G B (A) or the only channel is taken; of a TIFF the
+    first picture.
 
-    Raises `InputError` for a file that is missing, damaged, too large, of another format than its suffix says, or holds
-    NaN or infinite values.
+    `color_space` says how the FILE is encoded. None: it holds colours, srgb for integer files and linear for float
+    ones, and primaries that an EXR or Radiance file states are converted to those of sRGB (Rec. 709). Pass "linear" for
+    data such as roughness or normals. ICC profiles are ignored, but a CMYK file with one is refused.
+
+    Raises `InputError` for a file that is missing, damaged, too large, of another format than its suffix says, uses a
+    feature that is not read (the error names it), or holds NaN or infinite values.
     """
     path = Path(path)
     _check_color_space(path, color_space)
-    pixels = _decode(path, _format_of(path))
-    if pixels.dtype not in (np.uint8, np.uint16) and pixels.dtype.kind != "f":
-        raise InputError(f"{path}: values of type {pixels.dtype}; save it with 8 or 16 bits or as float32")
-    if pixels.ndim != 3 or pixels.shape[-1] not in (1, 3, 4):
-        raise InputError(f"{path}: an array of shape {pixels.shape}; save it as grey, RGB or RGBA")
-    return _to_linear(path, pixels, color_space)
+    stored = _decode(path, _format_of(path))
+    if stored.pixels.ndim != 3 or stored.pixels.shape[-1] not in (1, 3, 4):
+        raise InputError(f"{path}: an array of shape {stored.pixels.shape}; save it as grey, RGB or RGBA")
+    return np.ascontiguousarray(_to_linear(path, stored, color_space))
 
 
 def displayed_psnr(truth: np.ndarray, picture: np.ndarray) -> float:
@@ -83,7 +87,8 @@ def save_image(
     The suffix chooses the format: PNG (8 or 16 `bits` a channel, 8 the default), JPEG (8), TIFF (8, 16, or 32: float),
     Radiance HDR (its own 8 with a shared exponent; grey becomes RGB) or EXR (32, the default, or 16: half).
     `color_space` is the encoding of the FILE: None means srgb for integer formats and linear for float ones. Integer
-    formats clip to [0, 1]; alpha is never encoded to sRGB.
+    formats clip to [0, 1]; alpha is straight here, never encoded to sRGB, and premultiplied in EXR, where colours under
+    an alpha of 0 become black.
 
     Raises `InputError` for NaN or infinite values, other shapes and dtypes, and what the format cannot hold.
     """
@@ -133,35 +138,39 @@ def _format_of(path: Path) -> str:
         raise InputError(f"{path}: unknown suffix {path.suffix!r}; use one of {', '.join(_SUFFIXES)}") from None
 
 
-def _decode(path: Path, file_format: str) -> np.ndarray:
-    """The file's stored values, `[height, width, channels]`, after a look at what the content says it is."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the name and its permissions") from error
+def _decode(path: Path, file_format: str) -> Stored:
+    """The file's stored values, after a look at what the content says it is."""
+    data = read_file(path)
     content = next((name for magic, name in _MAGIC.items() if data.startswith(magic)), None)
     if content != file_format:
         remedy = "rename it" if content else "export or copy it again"
         raise InputError(f"{path}: its content is {content or 'no known image'}, not {file_format}; {remedy}")
-    if file_format == "EXR":
-        return _load_exr_image(path)
-    decode = {"TIFF": decode_tiff, "Radiance HDR": decode_hdr}.get(file_format, decode_pillow)
-    return decode(data, path, MAX_PIXELS)
+    return _DECODERS[file_format](data, path)
 
 
-def _to_linear(path: Path, pixels: np.ndarray, color_space: ColorSpace | None) -> np.ndarray:
-    if pixels.dtype.kind == "f":
-        pixels = pixels.astype(np.float32)
-        if not np.isfinite(pixels).all():
-            raise InputError(f"{path}: holds NaN or infinite values; repair them before use")
-        if color_space == "srgb":
-            pixels[..., :3] = srgb_to_linear(pixels[..., :3])
-        return pixels
-    codes = np.arange(2 ** (8 * pixels.itemsize)) / (2.0 ** (8 * pixels.itemsize) - 1)  # float64, one of each value
-    linear = codes.astype(np.float32)[pixels]
-    if color_space != "linear":
-        linear[..., :3] = srgb_to_linear(codes).astype(np.float32)[pixels[..., :3]]
+def _to_linear(path: Path, stored: Stored, color_space: ColorSpace | None) -> np.ndarray:
+    encoded = (color_space or stored.encoding) == "srgb"
+    if stored.levels is not None:
+        linear = stored.levels.astype(np.float32)[stored.pixels]
+        if encoded:
+            linear[..., :3] = srgb_to_linear(stored.levels).astype(np.float32)[stored.pixels[..., :3]]
+        return linear
+    with np.errstate(over="ignore", invalid="ignore"):  # what is beyond float32 becomes infinite and is refused here
+        linear = stored.pixels.astype(np.float32)
+        if encoded:
+            linear[..., :3] = srgb_to_linear(stored.pixels[..., :3])
+        if color_space is None and stored.primaries and linear.shape[-1] >= 3:
+            linear = _of_rec_709(path, linear, stored.primaries)
+    if not np.isfinite(linear).all():
+        raise InputError(f"{path}: holds NaN or infinite values; repair them before use")
     return linear
+
+
+def _of_rec_709(path: Path, linear: np.ndarray, primaries: tuple[float, ...]) -> np.ndarray:
+    try:
+        return to_rec_709(linear, primaries)
+    except ValueError as error:
+        raise InputError(f"{path}: its {error} are those of no colours; pass color_space='linear'") from error
 
 
 def _checked(path: Path, image: np.ndarray, file_format: str) -> np.ndarray:
@@ -173,6 +182,10 @@ def _checked(path: Path, image: np.ndarray, file_format: str) -> np.ndarray:
     shaped = image[..., None] if image.ndim == 2 else image
     if shaped.ndim != 3 or shaped.shape[-1] not in allowed or 0 in shaped.shape:
         raise InputError(f"{path}: an image of shape {image.shape}; {file_format} takes {allowed} channels")
+    if file_format == "JPEG" and max(shaped.shape[:2]) > _JPEG_SIDE:
+        raise InputError(
+            f"{path}: {shaped.shape[1]} x {shaped.shape[0]} pixels; a JPEG has {_JPEG_SIDE} a side at most"
+        )
     with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite and is refused here
         shaped = shaped.astype(np.float32)
     if not np.isfinite(shaped).all():
@@ -192,21 +205,20 @@ def _encode(path: Path, image: np.ndarray, file_format: str, bits: int) -> bytes
     return {"PNG": encode_png, "JPEG": encode_jpeg, "TIFF": encode_tiff}[file_format](image)
 
 
-def _load_exr_image(path: Path) -> np.ndarray:
-    channels = load_exr(path)
-    names = [name for name in "RGBA" if name in channels]
-    if len(channels) == 1:
-        names = list(channels)
-    elif "".join(names) not in ("RGB", "RGBA"):
-        raise InputError(f"{path}: channels {', '.join(channels)}, not R, G, B; read them with load_exr")
-    if len({channels[name].shape for name in names}) > 1:
-        raise InputError(f"{path}: subsampled channels; save it without subsampling")
-    return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
-
-
 def _save_exr_image(path: Path, image: np.ndarray, bits: int) -> None:
+    if image.shape[-1] == 4:  # premultiplied, by the format's custom
+        image = np.concatenate([image[..., :3] * image[..., 3:], image[..., 3:]], axis=-1)
     dtype = np.float16 if bits == 16 else np.float32
     if bits == 16 and np.abs(image).max() >= 65520:  # rounds to infinity
         raise InputError(f"{path}: values beyond 65504, the largest half; save with bits=32")
     names = "RGBA" if image.shape[-1] > 1 else "Y"
     save_exr(path, {name: image[..., k].astype(dtype) for k, name in enumerate(names[: image.shape[-1]])})
+
+
+_DECODERS = {
+    "PNG": decode_png,
+    "JPEG": decode_jpeg,
+    "TIFF": decode_tiff,
+    "Radiance HDR": decode_hdr,
+    "EXR": decode_exr,
+}

@@ -1,35 +1,50 @@
-"""Radiance HDR (RGBE): three 8-bit mantissas and a shared exponent. Ward, "Real Pixels", Graphics Gems II, 1991."""
+"""Radiance HDR (RGBE): three 8-bit mantissas and a shared exponent.
+
+Ward, "Real Pixels", Graphics Gems II, 1991; Ward, "Radiance File Formats", 1992, "Picture File Format" and the reader
+in Radiance's own common/color.c. No library in reach reads them all: the run lengths from before 1991 are refused by
+OpenImageIO, OpenCV and imagecodecs, wherever in a file they begin.
+"""
 
 import re
+from pathlib import Path
 
 import numpy as np
 
-from warp_neural.errors import InputError
+from warp_neural.imaging.stored import Stored, check_size, damaged, refused
 
-_SIZE_LINE = re.compile(rb"-Y (\d{1,9}) \+X (\d{1,9})")
 _HEADER_LIMIT = 2**16
 _SHORTEST_RUN = 4  # below it a run costs as much as its literal bytes
+_SIZE_LINE = re.compile(rb"([+-])([XY]) (\d{1,9}) ([+-])([XY]) (\d{1,9})")
+_DAMAGE = (IndexError, ValueError, OverflowError)
 
 
-def decode_hdr(data: bytes, path, max_pixels: int) -> np.ndarray:
-    """The file's bytes to linear float32 `[height, width, 3]`, mantissa / 256 * 2^(exponent - 128), never negative.
+def decode_hdr(data: bytes, path: Path) -> Stored:
+    """The file's bytes to linear `[height, width, 3]`, mantissa / 256 * 2^(exponent - 128), never negative.
 
-    EXPOSURE and other header lines are ignored, as most readers do. Raises `InputError`, naming `path`, for damaged
-    files, XYZE, flipped pictures and the run lengths of before 1991.
+    They are divided by the products of the header's EXPOSURE and COLORCORR, as the format says, which makes them the
+    original radiances; PRIMARIES are handed on. Raises `InputError`, naming `path`, for damage and for XYZE.
     """
-    end = data.find(b"\n\n", 0, _HEADER_LIMIT)
-    lines = data[:end].split(b"\n") if end >= 0 else []
-    size_end = data.find(b"\n", end + 2, end + 64)
-    size = _SIZE_LINE.fullmatch(data[end + 2 : size_end]) if size_end >= 0 else None
-    if not lines or not size or b"FORMAT=32-bit_rle_xyze" in lines:
-        raise InputError(f"{path}: not an RGBE picture stored as -Y height +X width; save it again as HDR or EXR")
-    height, width = int(size[1]), int(size[2])
-    if not 0 < height * width <= max_pixels:
-        raise InputError(f"{path}: claims {width} x {height} pixels, more than {max_pixels} in all; scale it down")
+    lines, at = _header(data, path)
+    kinds = [line for line in lines if line.startswith(b"FORMAT=")]
+    if any(line.split(b"=", 1)[1].strip() == b"32-bit_rle_xyze" for line in kinds):
+        raise refused(path, "Radiance XYZE (CIE colours)", "convert it with Radiance's ra_xyze -r")
+    if any(line.split(b"=", 1)[1].strip() != b"32-bit_rle_rgbe" for line in kinds):
+        raise refused(path, f"Radiance of {kinds[0].decode('ascii', 'replace')}", "save it as HDR or EXR")
+    end = data.find(b"\n", at, at + 64)
+    size = _SIZE_LINE.fullmatch(data[at:end].rstrip(b"\r")) if end >= 0 else None
+    if not size or size[2] == size[5]:
+        raise damaged(path, "no line with the picture's size")
+    signs, first_is_y, counts = (size[1], size[4]), size[2] == b"Y", (int(size[3]), int(size[6]))
+    check_size(path, *(counts[::-1] if first_is_y else counts))
     try:
-        return _to_float(_decode_pixels(np.frombuffer(data, np.uint8, offset=size_end + 1), height, width))
-    except (IndexError, ValueError) as error:
-        raise InputError(f"{path}: the HDR's pixel data is cut short or damaged; export or copy it again") from error
+        rgbe = _decode_scanlines(data, end + 1, *counts)
+        pixels = _to_float(rgbe) / _exposure(lines)
+        primaries = [values for values in _numbers(lines, b"PRIMARIES", 8) if any(values)]  # Photoshop writes zeros
+    except _DAMAGE as error:
+        raise damaged(path, error) from error
+    flips = {b"Y": b"+", b"X": b"-"}  # the picture's top has the largest y, its left the smallest x
+    pixels = pixels[:: -1 if signs[0] == flips[size[2]] else 1, :: -1 if signs[1] == flips[size[5]] else 1]
+    return Stored(pixels if first_is_y else pixels.swapaxes(0, 1), primaries=primaries[-1] if primaries else None)
 
 
 def encode_hdr(image: np.ndarray) -> bytes:
@@ -45,6 +60,35 @@ def encode_hdr(image: np.ndarray) -> bytes:
     start = bytes((2, 2, width >> 8, width & 255))
     rows = (start + b"".join(_encode_runs(np.ascontiguousarray(row[:, k])) for k in range(4)) for row in rgbe)
     return header + b"".join(rows)
+
+
+def _header(data: bytes, path: Path) -> tuple[list[bytes], int]:
+    """The lines before the empty one, which ends the header, and where the next begins."""
+    end = re.compile(rb"\n\r?\n").search(data, 0, _HEADER_LIMIT)
+    if not end:
+        raise damaged(path, "a header without an end")
+    return [line.strip() for line in data[: end.start()].split(b"\n")], end.end()
+
+
+def _numbers(lines: list[bytes], key: bytes, count: int) -> list[tuple[float, ...]]:
+    """The values of every line KEY=, `count` numbers each."""
+    texts = [line.split(b"=", 1)[1].split() for line in lines if line.startswith(key + b"=")]
+    try:
+        found = [tuple(map(float, text)) for text in texts]
+    except ValueError:
+        found = [()]
+    if any(len(values) != count or not np.isfinite(values).all() for values in found):
+        raise ValueError(f"{key.decode()} without its numbers, {count} in all")
+    return found
+
+
+def _exposure(lines: list[bytes]) -> np.ndarray:
+    """[3]: what the picture was multiplied by."""
+    factors = np.prod([1.0, *(values[0] for values in _numbers(lines, b"EXPOSURE", 1))])
+    factors = factors * np.prod([(1.0, 1.0, 1.0), *_numbers(lines, b"COLORCORR", 3)], axis=0)
+    if not (np.isfinite(factors) & (factors > 0)).all():
+        raise ValueError("an EXPOSURE that is no positive number")
+    return factors.astype(np.float32)
 
 
 def _to_float(rgbe: np.ndarray) -> np.ndarray:
@@ -64,24 +108,43 @@ def _to_rgbe(image: np.ndarray) -> np.ndarray:
     return rgbe.astype(np.uint8)
 
 
-def _decode_pixels(stream: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Bytes to RGBE `[height, width, 4]`; IndexError or ValueError when they do not fill it exactly."""
-    start = bytes((2, 2, width >> 8 & 255, width & 255))
-    if not 8 <= width < 32768 or stream[:4].tobytes() != start:
-        flat = stream[: height * width * 4].reshape(height, width, 4)
-        if (flat[..., :3] == 1).all(axis=-1).any():
-            raise ValueError("run lengths of before 1991")
-        return flat
-    smallest_row = 4 + 8 * -(-width // 127)
-    if stream.size < height * smallest_row:  # before memory is taken for it
-        raise ValueError("truncated")
-    rgbe = np.empty((height, 4, width), np.uint8)
-    data, at = stream.tobytes(), 0
-    for row in rgbe:
-        if data[at : at + 4] != start:
-            raise ValueError("scanline does not start")
-        at = _decode_runs(data, at + 4, row.reshape(-1), width)
-    return rgbe.transpose(0, 2, 1)
+def _decode_scanlines(data: bytes, at: int, count: int, width: int) -> np.ndarray:
+    """RGBE `[count, width, 4]`; IndexError or ValueError where bytes are missing. Each scanline by its own start."""
+    rows = []
+    for _ in range(count):
+        start = data[at : at + 4]
+        if 8 <= width < 32768 and start[:2] == b"\2\2" and len(start) == 4 and start[2] < 128:
+            if start[2] << 8 | start[3] != width:
+                raise ValueError("a scanline of another length")
+            row = np.empty((4, width), np.uint8)
+            at = _decode_runs(data, at + 4, row.reshape(-1), width)
+            rows.append(row.T)
+        else:
+            row, at = _decode_old(data, at, width)
+            rows.append(row)
+    return np.stack(rows)
+
+
+def _decode_old(data: bytes, at: int, width: int) -> tuple[np.ndarray, int]:
+    """A scanline `[width, 4]` of pixels, where mantissas 1 1 1 repeat the pixel before as often as the exponent says.
+
+    Counts of consecutive ones are digits of base 256, the lowest first. Returns where the next scanline starts too.
+    """
+    flat = np.frombuffer(data, np.uint8, min(4 * width, (len(data) - at) // 4 * 4), at).reshape(-1, 4)
+    if len(flat) == width and not (flat[:, :3] == 1).all(axis=1).any():
+        return flat, at + 4 * width
+    row, filled, shift = np.empty((width, 4), np.uint8), 0, 0
+    while filled < width:
+        pixel = data[at : at + 4]
+        if len(pixel) < 4:
+            raise ValueError("truncated")
+        at += 4
+        length, shift = (pixel[3] << shift, shift + 8) if pixel[:3] == b"\1\1\1" else (1, 0)
+        if filled + length > width or (shift and filled == 0):
+            raise ValueError("a run past its scanline")
+        row[filled : filled + length] = row[filled - 1] if shift else np.frombuffer(pixel, np.uint8)
+        filled += length
+    return row, at
 
 
 def _decode_runs(data: bytes, at: int, row: np.ndarray, width: int) -> int:
