@@ -57,6 +57,7 @@ def source_maps(config: MaterialConfig, device: wp.Device) -> tuple[str, Maps]:
         material = default_material(config.crop or (1024 if device.is_cuda else 256))
     else:
         material = load_material(config.material)
+        print(material.sources())  # a map that was not recognised would be learned as a constant
         crop = config.crop or (None if device.is_cuda else min(256, *material.resolution))
         material = material.crop(crop) if crop else material
     height, width = material.resolution

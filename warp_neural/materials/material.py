@@ -1,13 +1,14 @@
 """A material is a set of maps of one size: read from a folder by the usual file names, or written to one."""
 
-import re
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from warp_neural.errors import InputError
-from warp_neural.imaging.image import load_image, save_image, suffixes
+from warp_neural.imaging.image import load_image, save_image
+from warp_neural.materials.choice import MAPS, Offer, choose_maps
 
 DEFAULTS = {
     "albedo": (0.5, 0.5, 0.5),
@@ -20,17 +21,8 @@ DEFAULTS = {
 }
 """What stands in, everywhere, for a map that a folder does not have; linear values."""
 
-_TAGS = {  # the words that name a map: ambientCG's, Poly Haven's and plain ones, lower case
-    "albedo": ("color", "diff", "albedo"),
-    "normal": ("normalgl", "nor_gl", "normal", "normaldx", "nor_dx"),
-    "roughness": ("roughness", "rough"),
-    "metalness": ("metalness", "metal"),
-    "ao": ("ambientocclusion", "ao"),
-    "height": ("displacement", "disp", "height"),
-    "opacity": ("opacity",),
-}
-_DIRECTX = ("normaldx", "nor_dx")
-_TOLERANCE = 1e-3  # how far beyond [0, 1] the ringing of lossy float files may go before it is an error
+RINGING = 0.05
+"""How far beyond [0, 1] a float map may go; it is clipped. EXR's lossy DWAA at its usual level 45 goes to 1.03."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +47,10 @@ class Material:
     """[height, width], in no stated unit; in [0, 1] from integer files"""
     opacity: np.ndarray
     """[height, width], in [0, 1]"""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """map name to the file it was read from, and what was done to it: only the maps that were read"""
+    unused: tuple[str, ...] = ()
+    """names of the pictures in the folder that no map was read from"""
 
     def __post_init__(self) -> None:
         for name, value in self.maps().items():
@@ -69,7 +65,14 @@ class Material:
 
     def maps(self) -> dict[str, np.ndarray]:
         """The maps by name, without the material's own name."""
-        return {field.name: getattr(self, field.name) for field in fields(self) if field.name != "name"}
+        return {name: getattr(self, name) for name in MAPS}
+
+    def sources(self) -> str:
+        """One line: which map comes from which file, which maps are made up, and which pictures were not used."""
+        read = ", ".join(f"{name} from {file}" for name, file in self.files.items())
+        absent = [name for name in MAPS if name not in self.files]
+        parts = [read, f"no {', '.join(absent)}" if absent else "", f"NOT USED: {', '.join(self.unused)}"]
+        return f"material {self.name}: " + "; ".join(part for part in parts[: 3 if self.unused else 2] if part)
 
     def crop(self, size: int) -> "Material":
         """The square of `size` x `size` texels in the middle. Raises `InputError` if the maps are smaller."""
@@ -84,40 +87,37 @@ class Material:
 
 
 def load_material(folder: Path | str) -> Material:
-    """The maps in `folder`, by the names of ambientCG, Poly Haven or plain ones, in any format `load_image` reads.
+    """The maps in `folder`, by the names of all schemes in `naming`, in any format `load_image` reads.
 
-    Case does not count: `PavingStones070_2K-JPG_Color.jpg`, `brick_wall_diff_4k.png`, `albedo.exr` are all the albedo.
-    Integer albedo files are decoded from sRGB, every other map is linear data. Normals are decoded by 2 x - 1 and made
-    unit length; of an OpenGL and a DirectX map the OpenGL one is read, a lone DirectX map has its green flipped. A grey
-    map stored as RGB is averaged. A missing map gets its value in `DEFAULTS`, a missing opacity the albedo's alpha if
-    it has one.
+    Case does not count: `PavingStones070_2K-JPG_Color.jpg`, `brick_wall_diff_4k.png`, `albedo.exr` are all the albedo;
+    `brick_arm.png` holds three maps. `choose_maps` says which of several files is read; `files` and `unused` of the
+    result say which was. Integer albedo files are decoded from sRGB, every other map is linear data. Normals are
+    decoded by 2 x - 1 and made unit length; a normal map that does not say so is taken as OpenGL's, DirectX's has its
+    green flipped. Gloss becomes roughness, 1 - gloss. A grey map stored as RGB is averaged. A missing map gets its
+    value in `DEFAULTS`, a missing opacity the albedo's alpha if it has one. Values up to `RINGING` beyond [0, 1], which
+    lossy EXRs have, are clipped.
 
-    Raises `InputError` for a folder without maps, several files for one map, unequal sizes, values outside [0, 1]
-    (height may have any), and normals that are nowhere or point into the surface.
+    Raises `InputError` for a folder without maps, several files for one map, unequal sizes, values further out (height
+    may have any), and normals that are nowhere or point into the surface.
     """
     folder = Path(folder)
-    files = find_maps(folder)
-    loaded = {
-        name: load_image(path, color_space=None if name == "albedo" else "linear") for name, path in files.items()
-    }
-    _check_sizes(files, loaded)
-    height, width = next(iter(loaded.values())).shape[:2]
+    choice = choose_maps(folder)
+    spaces = {(offer.path, None if name == "albedo" else "linear") for name, offer in choice.maps.items()}
+    loaded = {(path, space): load_image(path, color_space=space) for path, space in sorted(spaces, key=str)}
+    pixels = {name: loaded[offer.path, None if name == "albedo" else "linear"] for name, offer in choice.maps.items()}
+    _check_sizes(choice.maps, pixels)
+    height, width = next(iter(pixels.values())).shape[:2]
     maps = {
         name: np.broadcast_to(np.float32(value), (height, width, *np.shape(value))).copy()
         for name, value in DEFAULTS.items()
     }
-    for name, path in files.items():
-        _check_range(name, path, loaded[name])
-        if name == "normal":
-            maps[name] = _decode_normal(path, loaded[name], flip=_tag(path.name) in _DIRECTX)
-        elif name == "albedo":
-            maps[name][:] = np.clip(loaded[name][..., :3], 0, 1)
-        else:
-            scalar = loaded[name][..., :3].mean(axis=-1)
-            maps[name] = scalar if name == "height" else np.clip(scalar, 0, 1)
-    if "opacity" not in files and "albedo" in files and loaded["albedo"].shape[-1] == 4:
-        maps["opacity"] = np.ascontiguousarray(loaded["albedo"][..., 3])
-    return Material(folder.resolve().name, **maps)
+    for name, offer in choice.maps.items():
+        maps[name] = _decode(name, offer, pixels[name])
+    files = {name: str(offer) for name, offer in choice.maps.items()}
+    if "opacity" not in files and "albedo" in files and pixels["albedo"].shape[-1] == 4:
+        maps["opacity"] = np.ascontiguousarray(np.clip(pixels["albedo"][..., 3], 0, 1))
+        files["opacity"] = f"{choice.maps['albedo'].path.name} (alpha channel)"
+    return Material(folder.resolve().name, **maps, files=files, unused=choice.unused)
 
 
 def save_material(folder: Path | str, material: Material) -> None:
@@ -133,54 +133,41 @@ def save_material(folder: Path | str, material: Material) -> None:
 
 
 def find_maps(folder: Path | str) -> dict[str, Path]:
-    """Which file holds which map: map name to path, only the maps there are.
-
-    Raises `InputError` for a folder that is missing or has no map, and for several files that could be one map.
-    """
-    folder = Path(folder)
-    try:
-        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes())
-    except OSError as error:
-        raise InputError(f"{folder}: not a readable folder ({error.strerror}); give one that holds maps") from error
-    found = {}
-    for name in DEFAULTS:
-        candidates = [path for path in paths if map_of(path.name) == name]
-        if any(_tag(path.name) not in _DIRECTX for path in candidates):  # ambientCG ships both conventions
-            candidates = [path for path in candidates if _tag(path.name) not in _DIRECTX]
-        if len(candidates) > 1:
-            names = " and ".join(path.name for path in candidates)
-            raise InputError(f"{folder}: {names} could each be the {name}; leave one of them")
-        if candidates:
-            found[name] = candidates[0]
-    if not found:
-        words = "; ".join(f"{name}: {', '.join(tags)}" for name, tags in _TAGS.items())
-        raise InputError(f"{folder}: holds no map; name files (AnyName_)WORD(_2k).png with one of the words {words}")
-    return found
+    """Which file holds which map: map name to path, only the maps there are; raises as `choose_maps` does."""
+    return {name: offer.path for name, offer in choose_maps(folder).maps.items()}
 
 
-def map_of(name: str) -> str | None:
-    """The map that a file of this name holds, e.g. `height` for `Rock_disp_4k.png`; None for any other file."""
-    return next((map_name for map_name, tags in _TAGS.items() if _tag(name) in tags), None)
-
-
-def _tag(name: str) -> str | None:
-    """The word that ends a file's name, without a resolution after it: `nor_gl` of `Rock_nor_gl_4k.png`."""
-    stem = re.sub(r"([ ._-]\d+k)+$", "", Path(name).stem.lower())
-    words = (tag for tags in _TAGS.values() for tag in tags)
-    return next((tag for tag in words if re.search(rf"(^|[ ._-]){tag}$", stem)), None)
-
-
-def _check_sizes(files: dict[str, Path], loaded: dict[str, np.ndarray]) -> None:
-    first, *others = files
+def _check_sizes(maps: dict[str, Offer], pixels: dict[str, np.ndarray]) -> None:
+    first, *others = maps
     for name in others:
-        if loaded[name].shape[:2] != loaded[first].shape[:2]:
-            sizes = " and ".join(f"{files[n].name} {loaded[n].shape[1]} x {loaded[n].shape[0]}" for n in (first, name))
-            raise InputError(f"{files[first].parent}: maps of unequal sizes, {sizes}; scale them to one size")
+        if pixels[name].shape[:2] != pixels[first].shape[:2]:
+            sizes = " and ".join(
+                f"{maps[n].path.name} {pixels[n].shape[1]} x {pixels[n].shape[0]}" for n in (first, name)
+            )
+            raise InputError(f"{maps[first].path.parent}: maps of unequal sizes, {sizes}; scale them to one size")
+
+
+def _decode(name: str, offer: Offer, pixels: np.ndarray) -> np.ndarray:
+    """A loaded file to the map `name`."""
+    if offer.part.channel is not None:
+        if pixels.shape[-1] <= max(2, offer.part.channel):
+            raise InputError(
+                f"{offer.path}: has no channel for the {name}; a picture of several maps needs them in its channels"
+            )
+        pixels = pixels[..., offer.part.channel :][..., :1]
+    _check_range(name, offer.path, pixels)
+    if name == "normal":
+        return _decode_normal(offer.path, pixels, flip=offer.part.directx)
+    if name == "albedo":
+        return np.clip(np.broadcast_to(pixels[..., :3], (*pixels.shape[:2], 3)), 0, 1)
+    scalar = pixels[..., :3].mean(axis=-1)
+    scalar = 1 - scalar if offer.part.inverted else scalar
+    return scalar if name == "height" else np.clip(scalar, 0, 1)
 
 
 def _check_range(name: str, path: Path, values: np.ndarray) -> None:
     low, high = float(values.min()), float(values.max())
-    if name != "height" and (low < -_TOLERANCE or high > 1 + _TOLERANCE):
+    if name != "height" and (low < -RINGING or high > 1 + RINGING):
         raise InputError(f"{path}: {name} has values from {low:.6g} to {high:.6g}; bring them into 0 to 1")
 
 
@@ -188,7 +175,7 @@ def _decode_normal(path: Path, encoded: np.ndarray, flip: bool) -> np.ndarray:
     """Encoded [0, 1] `[height, width, 3]` to unit vectors; the odd texel without a direction becomes flat."""
     if encoded.shape[-1] < 3:
         raise InputError(f"{path}: a normal map needs 3 channels; this grey picture may be a height map")
-    normal = encoded[..., :3] * 2 - 1
+    normal = np.clip(encoded[..., :3], 0, 1) * 2 - 1
     if flip:
         normal[..., 1] *= -1
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
