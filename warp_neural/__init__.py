@@ -9,6 +9,13 @@ from pathlib import Path
 if any(argument.endswith("warp-neural") or argument.startswith("warp_neural.") for argument in sys.orig_argv[1:3]):
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # a command: until `cli.run`, Ctrl-C ends it without a traceback
 
+if hasattr(sys, "ps1") and sys.version_info < (3, 13) and "IPython" not in sys.modules:
+    print(
+        "Warp reads the source of functions, which this prompt does not keep: put your @wp.func and @wp.kernel into a "
+        "file, or use IPython or Python 3.13",
+        file=sys.stderr,
+    )
+
 _folder = Path(__file__).parent
 if (_folder / "kernels").is_dir():
     __version__ = version("warp-neural")

@@ -68,7 +68,7 @@ def check_combination(
     *,
     result: type | None = None,
 ) -> None:
-    """Raise `InputError`, with the reason and the table, unless matrices of `precision` multiply vectors of `dtype`.
+    """Raise `InputError`, with the reason, unless matrices of `precision` multiply vectors of `dtype`.
 
     The arguments are those of `MatrixSpec`: accumulation "float32" (int8: stands for int32) or "float16"; bias and
     result None for what goes with the others.
@@ -76,5 +76,4 @@ def check_combination(
     try:
         check_product(format_of(precision), accumulation, dtype, result, bias)
     except InputError as error:
-        table = combination_table(device)
-        raise InputError(f"{error}; on {find_device(device)} these are supported:\n{table}") from None
+        raise InputError(f"{error}; coopvec.combination_table() shows what is supported") from None

@@ -9,10 +9,14 @@ import warp as wp
 
 from warp_neural.errors import InputError
 from warp_neural.kernels.errors import is_finite, require, require_whole, single
+from warp_neural.kernels.nn import losses
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.training.taped import data_type
 from warp_neural.nn.mlp import MLP
+from warp_neural.nn.names import require_object
+from warp_neural.train import optim
 from warp_neural.train.optim import SGD, Adam
+from warp_neural.train.sample import check_sample
 
 MAX_SAMPLES = 2**30  # of a step: indices have 32 bits, and go past the last sample by a stride
 
@@ -22,11 +26,11 @@ def check_arguments(net: Any, sample: Any, loss: Any, optimizer: Any, numbers: d
     require(isinstance(net, MLP), "net", net, "a wn.MLP")
     if net.count > 1:
         raise InputError(f"a network with count={net.count}: a Trainer trains one")
-    arguments = len(sample.input_types) if isinstance(sample, wp.Function) else 0
-    require(arguments in (2, 3), "sample", sample, "a @wp.func of (index, random) or (index, random, data)")
-    require(isinstance(loss, Loss), "loss", loss, "one of wn.losses, or a Loss of your own")
+    check_sample(sample)
+    require_object("loss", loss, (Loss,), losses, "one of wn.losses, or a Loss of your own")
     loss.gradient(net.n_out)  # its weights are as many
-    require(optimizer is None or isinstance(optimizer, Adam | SGD), "optimizer", optimizer, "Adam or SGD of wn.optim")
+    if optimizer is not None:
+        require_object("optimizer", optimizer, (Adam, SGD), optim, "Adam or SGD of wn.optim")
     average, scale = numbers["average"], numbers["loss_scale"]
     require_whole("batches", numbers["batches"])
     require_whole("seed", numbers["seed"], 0)

@@ -23,6 +23,7 @@ class FusedCpu(Steps):
         super().__init__(net, optimizer, progress, options, data)
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
         self.kernel = make_cpu_gradient_kernel(net.spec, sample, loss, net.encode if net.encoding else None, adjoint)
+        wp.load_module(self.kernel.module, net.device)
         self.scratch = wp.zeros(areas(net.spec)[1], dtype=float, device=net.device)
         self.x = wp.zeros(CHUNK, dtype=net.vec_in, device=net.device)
         self.target = wp.zeros(CHUNK, dtype=wp.types.vector(net.n_out, float), device=net.device)

@@ -79,6 +79,7 @@ class Taped(Steps):
         self.target = wp.zeros(size, dtype=wp.types.vector(spec.sizes[-1], float), device=device)
         self.losses = wp.zeros(size, dtype=float, device=device, requires_grad=True)
         self.seed = wp.full(size, progress.scale.numpy()[0], dtype=float, device=device)
+        wp.load_module(self.samples.module, device, block_dim=TILE)
         self.launch = {"dim": size, "device": device, "block_dim": TILE, "record_tape": False}
         if spec.format is INT8:
             n = min(CALIBRATION, int(sizes.min()))

@@ -11,6 +11,7 @@ import warp as wp
 from tqdm import tqdm
 
 from warp_neural.errors import InputError
+from warp_neural.io.files import check_target
 from warp_neural.kernels.errors import LARGEST, require_whole
 from warp_neural.kernels.nn.losses import Loss, l2
 from warp_neural.kernels.nn.spec import INT8
@@ -21,6 +22,7 @@ from warp_neural.train.arguments import batch_sizes, check_arguments, check_data
 from warp_neural.train.checkpoint import load_checkpoint, save_checkpoint
 from warp_neural.train.cpu_steps import FusedCpu
 from warp_neural.train.optim import SGD, Adam
+from warp_neural.train.sample import explained
 from warp_neural.train.steps import FusedCuda, Taped, schedule_of
 
 HISTORY = 1 << 14  # steps whose loss is kept on the device
@@ -93,7 +95,8 @@ class Trainer:
         self.progress = self._progress(scale)
         self.options = self._options(average, kind is FusedCuda and loss_scale is None)
         arguments = (net, self.optimizer, self.progress, self.options, sample, data, loss, self.sizes)
-        self.launches = kind(*arguments)
+        with explained(sample, net):
+            self.launches = kind(*arguments)
         self._graphs: dict[int, Any] = {}
 
     def __repr__(self) -> str:
@@ -167,6 +170,8 @@ class Trainer:
         what the device has done, and the run can go on.
         """
         require_whole("steps", steps, 0, LARGEST - self.index)
+        if checkpoint:
+            check_target(checkpoint)
         self._settle()
         try:
             return self._run(steps, target, checkpoint, quiet)
@@ -250,12 +255,12 @@ class Trainer:
     def _configuration(self) -> dict:
         """What another run could have otherwise; of long arrays a digest."""
         return {
-            "seed": self.seed,
+            "seed": int(self.seed),
             "optimizer": type(self.optimizer).__name__,
             "settings": list(map(float, self.optimizer.settings)),
             "rate": digest(self.optimizer.lr),
             "batch": digest(self.sizes),
-            "batches": self.batches,
+            "batches": int(self.batches),
             "loss": repr(self.loss_function),
             "decay": self.options.decay,
             "loss_scale": self.loss_scale,
