@@ -15,7 +15,7 @@ SHARED = Path(warp_neural.kernels.__file__).parent / "native"
 REAL = "using real = wp::float32;\n"
 LANES, HALVES, VECTORS = [paste(NATIVE / name) for name in ("lanes.cuh", "halves.cuh", "vectors.h")]
 STAGING = LANES + OWN_POOL + paste(NATIVE / "staging.cuh", ROW_UNITS=4)
-ROW = "char* bytes = reinterpret_cast<char*>(x.data); size_t pitch = 64; bool aligned = true; unsigned words[32];\n"
+ROW = "char* bytes = reinterpret_cast<char*>(x.data); size_t pitch = 64, step = 2; bool aligned = true; unsigned words[32];\n"
 
 # file: (names declared before it, its constants)
 CUDA = {
@@ -35,7 +35,7 @@ CUDA = {
     "load_by_warp.cuh": (ROW + OWN_POOL, {"UNITS": 8, "MOST": 8}),
     "load_row.cuh": (f"{ROW}bool together = false;\n", {"N": 64, "SIZE": 2, "UNITS": 8}),
     "reduce_sum.cuh": (
-        f"{REAL}{ATOMICS}real* target = x.data; wp::vec_t<4, real> v;\n",
+        f"{REAL}{ATOMICS}real* target = x.data; const int step = 1; wp::vec_t<4, real> v;\n",
         {"N": 4, "WIDTH": 1},
     ),
 }

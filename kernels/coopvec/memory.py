@@ -13,13 +13,22 @@ from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import C_TYPES, check_vector
 
 SIZES = {wp.float16: 2, wp.float32: 4}
-ROW = "const size_t pitch = {array}.strides[0]; char* const bytes = reinterpret_cast<char*>({data}) + row * pitch;\n"
+ROW = """const size_t pitch = {array}.strides[0], step = {array}.strides[1];  // of rows, of elements
+char* const bytes = reinterpret_cast<char*>({data}) + row * pitch;
+"""
 MIN_UNITS = 4  # of 16 bytes in a row, for the warp to load it together: shorter ones gain nothing
 
 
 def aligned_units(n: int, dtype: type) -> int:
     """16-byte units of a row that can be moved whole, where row and pitch are aligned."""
     return n * SIZES[dtype] // 16 if n * SIZES[dtype] % 16 == 0 else 0
+
+
+def each_element(n: int, dtype: type, use: str) -> str:
+    """`use` of the row's elements `e` and those of a vector, i. Side by side, the compiler can take several at once."""
+    body = f"{{ {C_TYPES[dtype]}& e = *reinterpret_cast<{C_TYPES[dtype]}*>(bytes + i * STEP); {use} }}"
+    loop = f"for (size_t i = 0; i < {n}; ++i) {body}\n"
+    return f"if (step == {SIZES[dtype]}u) {loop.replace('STEP', str(SIZES[dtype]))}else {loop.replace('STEP', 'step')}"
 
 
 def load_text(n: int, dtype: type) -> str:
@@ -33,7 +42,7 @@ def load_text(n: int, dtype: type) -> str:
         together += f"constexpr int UNITS = {units};\n"
     split = "v.c[i].u = words[i / 2] >> i % 2 * 16;" if size == 2 else "v.c[i] = __uint_as_float(words[i]);"
     return f"""unsigned words[{-(-n * size // 4)}] = {{}};
-const bool aligned = ((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u;
+const bool aligned = ((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u && step == {size}u;
 {together}{paste(NATIVE / "load_row.cuh", N=n, SIZE=size)}
 #pragma unroll
 for (int i = 0; i < {n}; ++i) {split}
@@ -42,19 +51,18 @@ for (int i = 0; i < {n}; ++i) {split}
 
 @cache
 def make_load(n: int, dtype: type) -> wp.Function:
-    """`(source: array2d [rows, >= n] of dtype, row: int) -> vector of n`; differentiable."""
+    """`(source: array2d [rows, >= n] of dtype, row: int) -> vector of n`; differentiable. Any strides."""
     check_vector(n, dtype)
     vec, c_type = wp.types.vector(n, dtype), C_TYPES[dtype]
     text = f"wp::vec_t<{n}, {c_type}> v;\n" + ROW.format(array="source", data="source.data")
     text += f"""#if defined(__CUDA_ARCH__)
 {load_text(n, dtype)}
 #else
-for (int i = 0; i < {n}; ++i) v.c[i] = reinterpret_cast<{c_type}*>(bytes)[i];
-#endif
+{each_element(n, dtype, "v.c[i] = e;")}#endif
 return v;
 """
     gradient = "if (source.grad) {\n" + ROW.format(array="source", data="source.grad")
-    gradient += f"for (int i = 0; i < {n}; ++i) wp::atomic_add(reinterpret_cast<{c_type}*>(bytes) + i, dv.c[i]);\n}}\n"
+    gradient += each_element(n, dtype, "wp::atomic_add(&e, dv.c[i]);") + "}\n"
 
     @wp.func_native(text)
     def load_row(source: wp.array2d(dtype=dtype), row: int, pool: wp.uint32) -> vec: ...
@@ -75,7 +83,7 @@ return v;
 
 @cache
 def make_store(n: int, dtype: type) -> wp.Function:
-    """`(target: array2d [rows, >= n] of dtype, row: int, v: vector of n)`; differentiable."""
+    """`(target: array2d [rows, >= n] of dtype, row: int, v: vector of n)`; differentiable. Any strides."""
     check_vector(n, dtype)
     vec = wp.types.vector(n, dtype)
     per_unit = 16 // SIZES[dtype]
@@ -87,20 +95,19 @@ def make_store(n: int, dtype: type) -> wp.Function:
     store_unit = f"""unsigned words[4];
 for (int w = 0; w < 4; ++w) words[w] = {word};
 reinterpret_cast<uint4*>(bytes)[u] = make_uint4(words[0], words[1], words[2], words[3]);"""
-    c_type = C_TYPES[dtype]
     units = aligned_units(n, dtype)
-    fast = f"""if (((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u) {{
+    fast = f"""if (((reinterpret_cast<size_t>(bytes) | pitch) & 15u) == 0u && step == {SIZES[dtype]}u) {{
 #pragma unroll
 for (int u = 0; u < {units}; ++u) {{ {store_unit} }}
-}} else"""
+return;
+}}"""
     text = ROW.format(array="target", data="target.data")
     text += f"""#if defined(__CUDA_ARCH__)
 {fast if units else ""}
 #endif
-for (int i = 0; i < {n}; ++i) reinterpret_cast<{c_type}*>(bytes)[i] = v.c[i];
-"""
+{each_element(n, dtype, "e = v.c[i];")}"""
     gradient = "if (target.grad) {\n" + ROW.format(array="target", data="target.grad")
-    gradient += f"for (int i = 0; i < {n}; ++i) adj_v.c[i] += reinterpret_cast<{c_type}*>(bytes)[i];\n}}\n"
+    gradient += each_element(n, dtype, "adj_v.c[i] += e;") + "}\n"
 
     @wp.func_native(text, adj_snippet=gradient)
     def store(target: wp.array2d(dtype=dtype), row: int, v: vec): ...

@@ -32,22 +32,35 @@ auto index = [&](integer row, integer column) -> integer {{
 
 
 def operands(spec, with_bias: bool) -> str:
-    """Lambdas: bits of the matrix, `bits(n, k)`, and of the vector in its format, `element(k)`; the bias's value."""
+    """Lambdas: bits of the matrix, `bits(n, k)`, and of the vector in its format, `element(k)`; the bias's value.
+
+    dense: whether words lie side by side. `bits_apart(n, k)` and `bias_apart(n)` serve where they do not.
+    """
     if spec.dtype is PACKED:
         element = "v.c[k / 4] >> 8 * (k % 4) & 0xffu"
     elif spec.dtype is wp.int8:
         element = "static_cast<unsigned char>(v.c[k])"
     else:
         element = "encode(static_cast<real>(v.c[k]))"
-    text = f"""const auto* elements = reinterpret_cast<const {WORDS[spec.format.bits]}*>(
+    word = WORDS[spec.format.bits]
+    dense = "matrix.data.strides[0] == 4" + (" && bias.data.strides[0] == 4" if with_bias else "")
+    text = f"""const auto* elements = reinterpret_cast<const {word}*>(
     reinterpret_cast<const char*>(matrix.data.data) + matrix_offset);
+const bool dense = {dense};
+auto place = [](const auto& words, integer byte) {{
+    return reinterpret_cast<const char*>(words.data) + (byte >> 2) * wp::int64(words.strides[0]) + (byte & 3); }};
 auto bits = [&](integer n, integer k) -> unsigned {{ return elements[index(n, k)]; }};
+auto bits_apart = [&](integer n, integer k) -> unsigned {{
+    return *reinterpret_cast<const {word}*>(place(matrix.data, matrix_offset + sizeof({word}) * index(n, k))); }};
 auto element = [&](integer k) -> unsigned {{ return {element}; }};
 """
     if with_bias:
         text += f"""const auto* biases = reinterpret_cast<const wp::{spec.bias}*>(
     reinterpret_cast<const char*>(bias.data.data) + bias_offset);
 auto bias_value = [&](const wp::{spec.bias}* b, integer n) {{ return static_cast<{number(spec)}>(b[n]); }};
+auto bias_here = [&](integer n) {{ return bias_value(biases, n); }};
+auto bias_apart = [&](integer n) {{ return bias_value(
+    reinterpret_cast<const wp::{spec.bias}*>(place(bias.data, bias_offset + sizeof(wp::{spec.bias}) * n)), 0); }};
 """
     return text
 
@@ -62,7 +75,8 @@ def product_text(spec, with_bias: bool) -> str:
     step = spec.format.k_step
     half = spec.accumulation == "float16"
     exact = spec.result is wp.int32
-    start = "bias_value(biases, n)" if with_bias else "0" if exact else "0.0f"
+    start = "bias_of(n)" if with_bias else "0" if exact else "0.0f"
+    biases = [f", bias_{which}" if with_bias else ", 0" for which in ("here", "apart")]
     factor, total = ("static_cast<signed char>", "unsigned") if exact else ("decode", "real")  # integers wrap around
     rounding = f"if ((k + 1) % {max(step, 1)} == 0 || k + 1 == {spec.columns}) sum = round_half(sum);" if half else ""
     fast = tensor_product(spec, with_bias) if step else ""
@@ -70,15 +84,23 @@ def product_text(spec, with_bias: bool) -> str:
     return f"""{accessors(spec)}{operands(spec, with_bias)}
 wp::vec_t<{spec.rows}, {c_type(spec.result)}> y;
 #if defined(__CUDA_ARCH__)
+if (dense) {{
 {fast}
-#endif
-{number(spec)} x[{spec.columns}];
-for (integer k = 0; k < {spec.columns}; ++k) x[k] = {factor}(element(k));
-for (integer n = 0; n < {spec.rows}; ++n) {{
-    {total} sum = {f"round_half({start})" if half else start};
-    for (integer k = 0; k < {spec.columns}; ++k) {{ sum += x[k] * {factor}(bits(n, k)); {rounding} }}
-    y.c[n] = {result};
 }}
+#endif
+auto multiply = [&](auto bits_of, auto bias_of) {{
+    {number(spec)} x[{spec.columns}];
+    for (integer k = 0; k < {spec.columns}; ++k) x[k] = {factor}(element(k));
+    for (integer n = 0; n < {spec.rows}; ++n) {{
+        {total} sum = {f"round_half({start})" if half else start};
+        for (integer k = 0; k < {spec.columns}; ++k) {{ sum += x[k] * {factor}(bits_of(n, k)); {rounding} }}
+        y.c[n] = {result};
+    }}
+}};
+if (dense)
+    multiply(bits{biases[0]});
+else
+    multiply(bits_apart{biases[1]});
 return y;
 """
 
@@ -87,23 +109,31 @@ def product_adjoint_text(spec, with_bias: bool) -> str:
     """Per thread: gradients of floats in the vector, and atomically of matrix and bias where they have an array."""
     bias = """if (bias.gradient.data)
     for (integer n = 0; n < ROWS; ++n)
-        wp::atomic_add(bias.gradient.data + bias_offset / SIZE + n, static_cast<real>(dy.c[n]));
+        wp::atomic_add(bias.gradient.data + (bias_offset / SIZE + n) * (bias.gradient.strides[0] / 4),
+            static_cast<real>(dy.c[n]));
 """.replace("ROWS", str(spec.rows)).replace("SIZE", "2" if spec.bias == "float16" else "4")
     to_vector = f"dv.c[k] = {c_type(spec.dtype)}(sum);" if spec.dtype in C_TYPES else ""
     return f"""{accessors(spec)}{operands(spec, with_bias=False)}
 wp::vec_t<{spec.vec_in._length_}, {c_type(spec.dtype)}> dv{{}};
 real* gradient = matrix.gradient.data;
-if (gradient) gradient += matrix_offset / {spec.format.bits // 8};
-for (integer k = 0; k < {spec.columns}; ++k) {{
-    const real x = decode(element(k));
-    real sum = 0.0f;
-    for (integer n = 0; n < {spec.rows}; ++n) {{
-        const real d = static_cast<real>(dy.c[n]);
-        sum += d * decode(bits(n, k));
-        if (gradient) wp::atomic_add(gradient + index(n, k), d * x);
+const wp::int64 step = matrix.gradient.strides[0] / 4;
+if (gradient) gradient += matrix_offset / {spec.format.bits // 8} * step;
+auto multiply = [&](auto bits_of) {{
+    for (integer k = 0; k < {spec.columns}; ++k) {{
+        const real x = decode(element(k));
+        real sum = 0.0f;
+        for (integer n = 0; n < {spec.rows}; ++n) {{
+            const real d = static_cast<real>(dy.c[n]);
+            sum += d * decode(bits_of(n, k));
+            if (gradient) wp::atomic_add(gradient + index(n, k) * step, d * x);
+        }}
+        {to_vector}
     }}
-    {to_vector}
-}}
+}};
+if (dense)
+    multiply(bits);
+else
+    multiply(bits_apart);
 {bias if with_bias else ""}return dv;
 """
 
@@ -115,12 +145,15 @@ def outer_product_text(spec, gradient_dtype: type) -> str:
     fast = tensor_outer_product(spec, gradient_dtype) if spec.format in (FLOAT16, BFLOAT16) else ""
     return f"""{accessors(spec, stride="stride")}
 {HALF_ATOMICS if half else ""}
-{target}* const base_gradient = gradient.data + offset;
+const wp::int64 step = gradient.strides[0] / static_cast<integer>(sizeof({target}));
+{target}* const base_gradient = gradient.data + offset * step;
 #if defined(__CUDA_ARCH__)
+if (step == 1) {{
 {fast}
+}}
 #endif
 for (integer n = 0; n < {spec.rows}; ++n) for (integer k = 0; k < {spec.columns}; ++k)
-    {add}(base_gradient + index(n, k),
+    {add}(base_gradient + index(n, k) * step,
         round_value(static_cast<real>(a.c[n])) * round_value(static_cast<real>(b.c[k])));
 """
 
@@ -131,9 +164,11 @@ def reduce_sum_text(n: int, gradient_dtype: type) -> str:
     names = "auto add = add_half; auto add2 = add_half2;" if half else ATOMICS
     return f"""using real = wp::float32; using integer = wp::int32;
 {HALF_ATOMICS if half else ""}
-{c_type(gradient_dtype)}* const target = gradient.data + offset;
+const wp::int64 step = gradient.strides[0] / static_cast<integer>(sizeof({c_type(gradient_dtype)}));
+{c_type(gradient_dtype)}* const target = gradient.data + offset * step;
 #if defined(__CUDA_ARCH__)
 {names}
 {paste(NATIVE / "reduce_sum.cuh", N=n, WIDTH=2 if half else 1)}#endif
-for (integer i = 0; i < {n}; ++i) {"add_half" if half else "wp::atomic_add"}(target + i, static_cast<real>(v.c[i]));
+for (integer i = 0; i < {n}; ++i)
+    {"add_half" if half else "wp::atomic_add"}(target + i * step, static_cast<real>(v.c[i]));
 """

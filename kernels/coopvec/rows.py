@@ -13,7 +13,7 @@ BLOCK = 64  # threads of a block that evaluates rows: with few, more of a row is
 FOLLOW = """
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
 if (__activemask() != 0xffffffffu) return false;
-const bool aligned = ((reinterpret_cast<size_t>(x.data) | x.strides[0]) & 15u) == 0u;
+const bool aligned = ((reinterpret_cast<size_t>(x.data) | x.strides[0]) & 15u) == 0u && x.strides[1] == 2;
 const wp::int32 first = __shfl_sync(0xffffffffu, row, 0), lane = threadIdx.x & 31u;
 return __all_sync(0xffffffffu, aligned && row == first + lane);
 #else

@@ -1,6 +1,6 @@
 // The row of the calling thread as 32-bit `words`; only together are they split, so that what packs them again costs
 // nothing. Constants: N elements of SIZE bytes, UNITS of 16 bytes in the row, 0: not whole ones.
-// Names: bytes, aligned, words, together, whether `words` are loaded.
+// Names: bytes, step from element to element, aligned, words, together, whether `words` are loaded.
 
 if (!together) {
     if (UNITS > 0 && aligned) {
@@ -16,9 +16,9 @@ if (!together) {
 #pragma unroll
         for (int i = 0; i < N; ++i) {
             if (SIZE == 2)
-                words[i / 2] |= static_cast<unsigned>(reinterpret_cast<const unsigned short*>(bytes)[i]) << i % 2 * 16;
+                words[i / 2] |= *reinterpret_cast<const unsigned short*>(bytes + i * step) << i % 2 * 16;
             else
-                words[i] = reinterpret_cast<const unsigned*>(bytes)[i];
+                words[i] = *reinterpret_cast<const unsigned*>(bytes + i * step);
         }
     }
 }

@@ -1,5 +1,6 @@
 // The sum of a warp's vectors `v` of N elements, added to `target` once, where it arrives whole with one target; WIDTH
-// elements at a time, 1 or 2. Names: real, add(place, x), add2(place, x, y).
+// elements at a time, 1 or 2, where they lie side by side. Names: real, add(place, x), add2(place, x, y), step, from
+// element to element.
 
 bool together = __activemask() == 0xffffffffu;
 if (together) {
@@ -14,13 +15,13 @@ if (together) {
     };
     const bool first = (threadIdx.x & 31u) == 0u;
     int i = 0;
-    for (; WIDTH == 2 && i + 1 < N; i += 2) {
+    for (; WIDTH == 2 && step == 1 && i + 1 < N; i += 2) {
         const real low = sum_of(i), high = sum_of(i + 1);
         if (first) add2(target + i, low, high);
     }
     for (; i < N; ++i) {
         const real sum = sum_of(i);
-        if (first) add(target + i, sum);
+        if (first) add(target + i * step, sum);
     }
     return;
 }
