@@ -15,7 +15,8 @@ SHARED = Path(warp_neural.kernels.__file__).parent / "native"
 REAL = "using real = wp::float32;\n"
 LANES, HALVES, VECTORS = [paste(NATIVE / name) for name in ("lanes.cuh", "halves.cuh", "vectors.h")]
 STAGING = LANES + OWN_POOL + paste(NATIVE / "staging.cuh", ROW_UNITS=4)
-ROW = "char* bytes = reinterpret_cast<char*>(x.data); size_t pitch = 64, step = 2; bool aligned = true; unsigned words[32];\n"
+ROW = "char* bytes = reinterpret_cast<char*>(x.data); size_t pitch = 64, step = 2; bool aligned = true;\n"
+ROW += "unsigned words[32];\n"
 
 # file: (names declared before it, its constants)
 CUDA = {
