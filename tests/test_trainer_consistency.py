@@ -73,6 +73,39 @@ def test_gradients_of_others_do_not_enter_a_step(device, fused):
     np.testing.assert_allclose(stained.net.master.numpy(), clean.net.master.numpy(), rtol=1e-3, atol=1e-5)
 
 
+def overflowing(device, fused, precision, weight, **options):
+    """A network whose gradient to its encoding is that to its neurons times 16 `weight`."""
+    encoding = wn.encodings.LatentTexture(4, 4, 8)
+    net = wn.MLP(2, 3, 16, 1, encoding=encoding, precision=precision, device=device)
+    net.weights = [np.full((16, 8), weight), np.full((3, 16), 0.5)]
+    net.biases = [np.ones(16), np.zeros(3)]
+    return wn.Trainer(net, sample=line, batch=64, optimizer=wn.optim.SGD(lr=1e-6), fused=fused, **options)
+
+
+@both
+def test_gradients_to_encodings_that_overflow_skip_the_step(fused, device):
+    """Those of weights and the loss are finite: nothing else tells, and tables must not become NaN."""
+    if device.is_cuda and fused is None:
+        pytest.skip("float16's are in the next test")
+    run = overflowing(device, fused, "float32", 1e10, loss_scale=1e28)
+    before = run.net.master.numpy()
+    run.run(4, quiet=True)
+    assert run.skipped == 4 and (run.net.master.numpy() == before).all()
+    calm = overflowing(device, fused, "float32", 1e3, loss_scale=1e28)
+    calm.run(4, quiet=True)
+    assert calm.skipped == 0
+
+
+@pytest.mark.cuda
+def test_scale_backs_off_from_gradients_to_encodings(device):
+    run = overflowing(device, None, "float16", 500.0)
+    if not (run.fused and device.is_cuda):
+        pytest.skip("only CUDA's fused gradients are in float16")
+    run.run(20, quiet=True)
+    assert 0 < run.skipped < 20 and run.progress.scale.numpy()[run.index % 2] == 128 / 2**run.skipped
+    assert np.isfinite(run.net.master.numpy()).all()
+
+
 @pytest.mark.parametrize("value, derivative", [
     ("z + 0.3f * wp::sin(z)", "1.0f + 0.3f * wp::cos(z)"),
     ("z > 0.0f ? z : 0.1f * z", "z > 0.0f ? 1.0f : 0.1f"),

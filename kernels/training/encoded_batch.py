@@ -13,7 +13,7 @@ from warp_neural.kernels.nn.encodings.base import Leaf
 from warp_neural.kernels.nn.encodings.parts import make_adjoint_part, make_encode_part, make_shared_sums, vec_part
 from warp_neural.kernels.nn.spec import FLOAT16, Format, Parameters
 from warp_neural.kernels.training.progress import Progress, batch_of
-from warp_neural.kernels.training.taped import data_type, make_convert, make_draw
+from warp_neural.kernels.training.taped import data_type, make_all_finite, make_convert, make_draw
 
 TILE = 256  # threads of a block, all with one part
 SHARED_SUMS_TILE = 1024
@@ -30,7 +30,7 @@ def threads_of(leaf: Leaf, batch: int) -> int:
 
 @cache
 def make_encoded_kernel(sample: wp.Function, use: wp.Function, leaf: Leaf, format: Format) -> wp.Kernel:
-    """`use(params, x, encoded[i], part, lane, first)` of every sample i, by whole warps.
+    """`use(params, x, encoded[i], part, lane, first)` of every sample i, by whole warps. False flags the step.
 
     dim `threads_of`, block_dim `TILE`. first: whether this thread is the part's first one. encoded [largest batch,
     parts, results of each]; other arguments as of the fused kernel.
@@ -50,7 +50,8 @@ def make_encoded_kernel(sample: wp.Function, use: wp.Function, leaf: Leaf, forma
         if rest / 32 * 32 / wp.static(lanes) < batch:
             at = wp.min(i, batch - 1)
             x, _target = draw(progress, step, micro * batch + at, data)
-            use(params, x, encoded[at], part, rest % wp.static(lanes), i < batch)
+            if not use(params, x, encoded[at], part, rest % wp.static(lanes), i < batch):
+                progress.flags[step % 2] = 1
 
     return encoded_kernel
 
@@ -68,6 +69,7 @@ def make_encode_sample(leaf: Leaf, vec_in: type, start: int, format: Format) -> 
         y = encode(params, x, part, lane)
         if inside and lane == 0:
             store(encoded, part, convert(y))
+        return True
 
     return encode_sample
 
@@ -75,15 +77,19 @@ def make_encode_sample(leaf: Leaf, vec_in: type, start: int, format: Format) -> 
 @cache
 def make_adjoint_sample(leaf: Leaf, vec_in: type, start: int, format: Format) -> wp.Function:
     """For `make_encoded_kernel`: `encoded` is the gradient to the part; adds to that of the parameters, but
-    for shared sums."""
+    for shared sums. False where it is not finite: float16 overflows here while that of the weights is still finite."""
     dtype, n = encoded_type(format), vec_part(leaf)._length_
-    convert, load = make_convert(n, dtype, wp.float32), make_load(n, dtype)
+    convert, load, all_finite = make_convert(n, dtype, wp.float32), make_load(n, dtype), make_all_finite(n)
     adjoint = make_adjoint_part(leaf, vec_in, start)
 
     @wp.func
     def adjoint_sample(params: Parameters, x: vec_in, encoded: wp.array2d[dtype], part: int, lane: int, inside: bool):
+        finite = bool(True)
         if inside:
-            adjoint(params, x, convert(load(encoded, part)), part, lane)
+            dy = convert(load(encoded, part))
+            finite = all_finite(dy)
+            adjoint(params, x, dy, part, lane)
+        return finite
 
     return adjoint_sample
 

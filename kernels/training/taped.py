@@ -69,6 +69,19 @@ def make_convert(n: int, source: type, target: type) -> wp.Function:
 
 
 @cache
+def make_all_finite(n: int) -> wp.Function:
+    """Whether all of a vector of n float32 are."""
+    vec = wp.types.vector(n, float)
+
+    @wp.func_native(
+        f"wp::float32 zero = 0.0f;\nfor (int i = 0; i < {n}; ++i) zero += 0.0f * x.c[i];\nreturn zero == 0.0f;\n"
+    )
+    def all_finite(x: vec) -> bool: ...
+
+    return all_finite
+
+
+@cache
 def make_loss_kernel(func: wp.Function, spec: NetworkSpec, vec_in: type, loss: Loss) -> wp.Kernel:
     """dim (largest batch): `losses[i]` of sample i, differentiable."""
     n_out = spec.sizes[-1]

@@ -33,6 +33,18 @@ def read_group(values: wp.array[float], i: int) -> wp.vec4:
 def write_group(values: wp.array[float], i: int, group: wp.vec4): ...
 
 
+@wp.kernel(module="unique", enable_backward=False)
+def check_kernel(progress: Progress, gradient: wp.array[float], threads: int):
+    """Flag the step if the gradient is not finite. dim threads."""
+    finite = bool(True)
+    i = wp.static(GROUP) * wp.tid()
+    while i < gradient.shape[0]:
+        finite = finite and wp.isfinite(read_group(gradient, i))
+        i += wp.static(GROUP) * threads
+    if not finite:
+        progress.flags[progress.counters[1] % 2] = 1
+
+
 @cache
 def make_update_kernel(update: wp.Function) -> wp.Kernel:
     """From parameter `first`, a multiple of 4, on: gradients lie in `gradient`, which is cleared. dim threads.

@@ -16,7 +16,7 @@ from warp_neural.kernels.training.progress import Progress
 from warp_neural.kernels.training.rooms import choose_schedule
 from warp_neural.kernels.training.schedule import Schedule
 from warp_neural.kernels.training.taped import collect_kernel, make_loss_kernel, make_sample_kernel
-from warp_neural.kernels.training.taped_update import GROUP, make_update_kernel
+from warp_neural.kernels.training.taped_update import GROUP, check_kernel, make_update_kernel
 from warp_neural.kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
 from warp_neural.nn.calibration import Calibration
 from warp_neural.nn.mlp import MLP
@@ -48,7 +48,7 @@ class Steps:
     def update_from(self, first: int, last: bool) -> None:
         """Update the parameters from `first` on from `net.gradient`, which is cleared."""
         net = self.net
-        threads = -(-(net.master.size - first) // GROUP) if net.device.is_cuda else 1
+        threads = self.threads(net.master.size - first)
         sparse = net.encoding_start if net.encoding and net.encoding.sparse else net.master.size
         which = [first, sparse, last, threads]
         wp.launch(
@@ -58,6 +58,10 @@ class Steps:
             device=net.device,
             record_tape=False,
         )
+
+    def threads(self, parameters: int) -> int:
+        """That move so many parameters, a group each at a time."""
+        return -(-parameters // GROUP) if self.net.device.is_cuda else 1
 
     def gathered(self) -> np.ndarray:
         """The sum of the gradients, scaled, in the order of `net.master`."""
@@ -89,6 +93,12 @@ class Taped(Steps):
 
     def draw(self, micro: int) -> None:
         wp.launch(self.samples, inputs=[self.data, self.progress, micro, self.x, self.target], **self.launch)
+
+    def update(self) -> None:
+        gradient = self.net.gradient
+        inputs = [self.progress, gradient, threads := self.threads(gradient.size)]
+        wp.launch(check_kernel, threads, inputs, device=self.net.device, record_tape=False)
+        super().update()
 
     def pack(self) -> None:
         if self.net.spec.format is INT8:  # the samples of the last batch, the parameters of the next step

@@ -9,7 +9,7 @@ from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.cpu import backward as cpu_backward
 from warp_neural.kernels.training.cpu import forward as cpu
 from warp_neural.kernels.training.progress import Progress, batch_of
-from warp_neural.kernels.training.taped import data_type, make_draw
+from warp_neural.kernels.training.taped import data_type, make_all_finite, make_draw
 
 
 @cache
@@ -66,6 +66,7 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
     trains_encoding, chunk = encode_adjoint is not None, wp.constant(cpu.CHUNK)
     write_input, read_result, write_gradient, read_input_gradient = make_access(spec, vec_first)
     begin, forward, backward, finish = make_passes(spec, trains_encoding)
+    all_finite = make_all_finite(spec.sizes[0])
 
     @wp.kernel(module="unique", enable_backward=False)
     def gradient_kernel(
@@ -83,7 +84,7 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
         progress.counters[1] = step
         batch = batch_of(progress, step)
         scale = progress.scale[step % 2]
-        total = wp.float64(0.0)
+        total, encoding_finite = wp.float64(0.0), bool(True)
         begin(params, scratch)
         for start in range(0, batch, chunk):
             count = wp.min(batch - start, chunk)
@@ -103,9 +104,11 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
             backward(scratch, count)
             if wp.static(trains_encoding):
                 for i in range(count):
-                    encode_adjoint(params, xs[i], read_input_gradient(scratch, i))
+                    dx = read_input_gradient(scratch, i)
+                    encoding_finite = encoding_finite and all_finite(dx)
+                    encode_adjoint(params, xs[i], dx)
         finite = finish(scratch, gradient)
-        if not finite or not wp.isfinite(total):
+        if not finite or not encoding_finite or not wp.isfinite(total):
             progress.flags[step % 2] = 1
         slot = step % progress.losses.shape[0]
         if micro == 0:
