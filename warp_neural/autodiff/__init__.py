@@ -1,9 +1,12 @@
-"""Forward-mode derivatives of Warp functions, and a look at the gradients that pass in reverse mode.
+"""Derivatives of Warp functions: forward mode, loops in reverse mode, checks, a look at the gradients that pass.
 
 Warp differentiates backwards: one pass gives the derivatives of one result along all arguments. Forward mode gives the
 derivatives of all results along one direction, the product of the Jacobian and a vector: normals of a distance field,
 velocities, sensitivities to a few parameters. It needs no tape, follows loops of any length, and what it makes is an
 ordinary `@wp.func`: it may be differentiated again, in either mode.
+
+Backwards, Warp 1.19 gets loops wrong that carry a state from trip to trip: `loop` makes them with a right gradient, and
+`check` compares a kernel's gradients with finite differences.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,13 +16,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from warp_neural.autodiff.differences import check
 from warp_neural.autodiff.forward import make_forward
+from warp_neural.autodiff.loops import loop
 from warp_neural.autodiff.source import Source, define, differentiable
 from warp_neural.errors import InputError
 from warp_neural.kernels.autodiff.debug import debug_grad
 from warp_neural.kernels.autodiff.vector_rules import RULES
 
-__all__ = ["check_gradients", "debug_grad", "forward_derivative", "jvp", "make_jvp"]
+__all__ = ["check", "check_finite", "debug_grad", "forward_derivative", "jvp", "loop", "make_jvp"]
 
 
 def make_jvp(func: wp.Function) -> wp.Function:
@@ -108,7 +113,7 @@ def jvp(func: wp.Function, primals: Sequence, tangents: Sequence, *, device: wp.
     return (values[0], values[1]) if half == 1 else (tuple(values[:half]), tuple(values[half:]))
 
 
-def check_gradients(record: wp.array) -> None:
+def check_finite(record: wp.array) -> None:
     """Raise `FloatingPointError`, naming index and value, at the first gradient in `record` that is not finite.
 
     For a `record` that `debug_grad` filled; it waits for the device.

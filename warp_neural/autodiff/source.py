@@ -2,8 +2,8 @@
 
 import ast
 import inspect
+import itertools
 import linecache
-import textwrap
 import types
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 import warp as wp
 
 from warp_neural.kernels.autodiff.rules import CONSTANT
+
+NUMBERS = itertools.count()
 
 
 def differentiable(type_: Any) -> bool:
@@ -30,11 +32,16 @@ def root(node: ast.expr) -> str:
     return node.id
 
 
-def define(source: str, name: str, namespace: dict[str, Any], annotations: dict[str, Any]) -> Callable:
-    """The function `name` of a source text, which Warp finds through `linecache`."""
-    file = f"<{__name__} {len(linecache.cache)}>"
+def execute(source: str, namespace: dict[str, Any]) -> None:
+    """Run a source text; Warp finds it through `linecache`, under a name that no other text ever has."""
+    file = f"<{__name__} {next(NUMBERS)}>"
     linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
     exec(compile(source, file, "exec"), namespace)
+
+
+def define(source: str, name: str, namespace: dict[str, Any], annotations: dict[str, Any]) -> Callable:
+    """The function `name` of a source text."""
+    execute(source, namespace)
     namespace[name].__annotations__ = annotations
     return namespace[name]
 
@@ -47,7 +54,7 @@ class Source:
     """
 
     def __init__(self, func: wp.Function, active: tuple[bool, ...]):
-        self.tree = ast.parse(textwrap.dedent(inspect.getsource(func.func))).body[0]
+        self.tree = ast.parse(func.adj.source).body[0]  # what Warp read when it was decorated
         self.namespace = func.func.__globals__ | inspect.getclosurevars(func.func).nonlocals
         self.types = dict(func.input_types)
         self.active = {name for name, is_active in zip(func.input_types, active, strict=True) if is_active}

@@ -37,7 +37,8 @@ class MLP(Kind):
 
     In a kernel that takes `params: net.Params`, `net.func(params, x)` evaluates network `params.network` for the
     `net.vec_in` x of the calling thread; `net.select(params, i)` is `params` with another network. Differentiable
-    through `wp.Tape`: gradients reach `net.gradient` and x.
+    through `wp.Tape`: gradients reach `net.gradient` and x. Not so in a loop that feeds results to its next trip, which
+    Warp differentiates wrongly without a word: use `wn.autodiff.loop`, and `wn.autodiff.check` to be sure.
 
     encoding: of the n_in inputs, see `wn.encodings`; its parameters, if any, follow those of the networks in `master`.
     precision: the format of weights and of the vectors between layers, one of `FORMATS`. accumulation: "float32" or,
