@@ -1,6 +1,7 @@
 """Forward mode against finite differences and reverse mode."""
 
 import importlib.util
+import linecache
 
 import numpy as np
 import pytest
@@ -170,6 +171,35 @@ def test_defaults_keywords_and_generic_functions(device):
     value, derivative = jvp(calls_generic, (1.0, 2.0), (1.0, 0.5), device=device)
     expected = 1 + np.sin(1) + 4 + np.sin(2), 2 + np.cos(1) + 0.5 * (4 + np.cos(2))
     assert (value, derivative) == pytest.approx(expected, rel=1e-6)
+
+
+@wp.func
+def chosen(x: float, choice: wp.array[int]):
+    return wp.where(choice, x * x, 5.0 * x)
+
+
+def test_a_choice_by_an_array(device):
+    assert jvp(chosen, (3.0, wp.zeros(1, dtype=int, device=device)), (1.0, None)) == (9.0, 6.0)
+
+
+@wp.func
+def cube(x: float):
+    return x * x * x
+
+
+@wp.func
+def square(x: float):
+    return x * x
+
+
+def test_sources_stay_apart_when_python_forgets_them(device):
+    """Names of generated files were numbers of lines in a cache that anyone may clear."""
+    linecache.clearcache()
+    first = make_jvp(cube)
+    linecache.clearcache()
+    make_jvp(square)
+    _, (_, second) = jvp(first, (2.0, 1.0), (1.0, None), device=device)
+    assert second == 12.0
 
 
 def test_many_points_at_once(device):

@@ -23,7 +23,27 @@ def calls_native(x: float, n: int):
 @wp.func
 def unsupported(x: float):
     y = x * 2.0
-    return wp.erfinv(y)
+    return wp.noise(wp.uint32(1), y)
+
+
+@wp.func
+def writes(m: wp.mat33):
+    q = wp.mat33()
+    r = wp.mat33()
+    wp.qr3(m, q, r)
+    return r
+
+
+@wp.func
+def double(x: wp.ref[float], y: float):
+    x += 2.0 * y
+
+
+@wp.func
+def writes_by_reference(x: float):
+    y = float(0.0)
+    double(y, x)
+    return y
 
 
 @wp.func
@@ -39,7 +59,15 @@ def only_integers(n: int):
 @pytest.mark.parametrize(
     ("func", "message"),
     [
-        (unsupported, r"jvp of unsupported: `wp.erfinv\(y\)`: no forward derivative of wp.erfinv is known; register"),
+        (
+            unsupported,
+            r"jvp of unsupported: `wp.noise\(wp.uint32\(1\), y\)`: no forward derivative of wp.noise is known",
+        ),
+        (
+            writes,
+            r"jvp of writes: `wp.qr3\(m, q, r\)`: wp.qr3 writes to its arguments, which forward mode does not follow",
+        ),
+        (writes_by_reference, r"jvp of writes_by_reference: `double\(y, x\)`: double writes to its arguments"),
         (calls_native, "jvp of native_square: native code has no forward derivative; register"),
         (no_result, "no_result: it returns nothing"),
         (only_integers, "only_integers: none of its arguments"),

@@ -30,13 +30,17 @@ def zero(x: Any):
 # The tangent is the function itself: of the tangents; of each tangent with the other argument, summed; zero.
 LINEAR = {
     wp.float16, wp.float32, wp.float64, builtins.float, wp.degrees, wp.radians, wp.add, wp.sub,
-    wp.matrix_from_cols, wp.matrix_from_rows, wp.transpose, wp.trace, wp.diag, wp.get_diag, wp.skew,
+    wp.neg, wp.pos, wp.copy, wp.matrix_from_cols, wp.matrix_from_rows, wp.transpose, wp.trace, wp.diag, wp.get_diag,
+    wp.skew, wp.quat_inverse, wp.transform_get_rotation, wp.transform_get_translation, wp.spatial_top,
+    wp.spatial_bottom,
 }  # fmt: skip
-PRODUCTS = {wp.mul, wp.dot, wp.ddot, wp.cross, wp.outer, wp.cw_mul}
+PRODUCTS = {
+    wp.dot, wp.ddot, wp.cross, wp.outer, wp.cw_mul, wp.spatial_dot, wp.spatial_cross, wp.spatial_cross_dual,
+}  # fmt: skip
 CONSTANT = {
     wp.int8, wp.int16, wp.int32, wp.int64, wp.uint8, wp.uint16, wp.uint32, wp.uint64, builtins.int, builtins.bool,
     wp.sign, wp.step, wp.nonzero, wp.round, wp.rint, wp.trunc, wp.floor, wp.ceil, wp.isfinite, wp.isnan, wp.isinf,
-    wp.argmin, wp.argmax, wp.static, wp.copysign, builtins.len, builtins.range, builtins.type, zero,
+    wp.argmin, wp.argmax, wp.floordiv, wp.static, builtins.len, builtins.range, builtins.type, zero,
 }  # fmt: skip
 
 RULES: dict[Callable, wp.Function] = {}
@@ -157,6 +161,34 @@ def forward_cbrt(x: wp.Float, dx: wp.Float):
 @wp.func
 def forward_erf(x: wp.Float, dx: wp.Float):
     return wp.erf(x), type(x)(1.1283791670955126) * wp.exp(-x * x) * dx  # 2 / sqrt(pi)
+
+
+@derivative_of(wp.erfc)
+@wp.func
+def forward_erfc(x: wp.Float, dx: wp.Float):
+    return wp.erfc(x), type(x)(-1.1283791670955126) * wp.exp(-x * x) * dx
+
+
+@derivative_of(wp.erfinv)
+@wp.func
+def forward_erfinv(x: wp.Float, dx: wp.Float):
+    y = wp.erfinv(x)
+    return y, type(x)(0.8862269254527580) * wp.exp(y * y) * dx  # sqrt(pi) / 2
+
+
+@derivative_of(wp.erfcinv)
+@wp.func
+def forward_erfcinv(x: wp.Float, dx: wp.Float):
+    y = wp.erfcinv(x)
+    return y, type(x)(-0.8862269254527580) * wp.exp(y * y) * dx
+
+
+@derivative_of(wp.copysign)
+@wp.func
+def forward_copysign(x: wp.Float, y: wp.Float, dx: wp.Float, dy: wp.Float):
+    """dx where x and y have one sign, else -dx; a step along y."""
+    one = type(x)(1.0)
+    return wp.copysign(x, y), wp.copysign(one, x) * wp.copysign(one, y) * dx
 
 
 @derivative_of(operator.pow)

@@ -9,12 +9,13 @@ from typing import Any
 
 import warp as wp
 
-from warp_neural.kernels.autodiff.rules import RULES, derivative_of
+from warp_neural.kernels.autodiff.rules import RULES, derivative_of, forward_mod
 
 __all__ = ["RULES"]
 
 Vector = wp.types.vector(length=Any, dtype=wp.Float)
 Matrix = wp.types.matrix(shape=(Any, Any), dtype=wp.Float)
+Quaternion = wp.types.quaternion(dtype=wp.Float)
 
 
 @derivative_of(wp.abs)
@@ -97,23 +98,23 @@ def forward_smoothstep(a: wp.Float, b: wp.Float, x: wp.Float, da: wp.Float, db: 
 
 @derivative_of(wp.length)
 @wp.func
-def forward_length(v: Vector, dv: Vector):
+def forward_length(v: Any, dv: Any):
     return wp.length(v), wp.dot(wp.normalize(v), dv)
 
 
 @derivative_of(wp.length_sq)
 @wp.func
-def forward_length_sq(v: Vector, dv: Vector):
-    return wp.length_sq(v), v.dtype(2.0) * wp.dot(v, dv)
+def forward_length_sq(v: Any, dv: Any):
+    return wp.length_sq(v), wp.dot(v, dv) + wp.dot(dv, v)
 
 
 @derivative_of(wp.normalize)
 @wp.func
-def forward_normalize(v: Vector, dv: Vector):
+def forward_normalize(v: Any, dv: Any):
     n = wp.normalize(v)
     length = wp.length(v)
     tangent = type(v)()
-    if length > v.dtype(0.0):
+    if length > type(length)(0.0):
         tangent = (dv - n * wp.dot(n, dv)) / length
     return n, tangent
 
@@ -130,6 +131,21 @@ def forward_divide(a: Any, b: wp.Float, da: Any, db: wp.Float):
 def forward_divide(a: wp.Float, b: Vector, da: wp.Float, db: Vector):
     quotient = a / b
     return quotient, wp.cw_div(da * type(b)(b.dtype(1.0)) - wp.cw_mul(quotient, db), b)
+
+
+@wp.func
+def forward_divide(a: wp.Float, b: Matrix, da: wp.Float, db: Matrix):
+    quotient = a / b
+    return quotient, wp.cw_div(da * type(b)(b.dtype(1.0)) - wp.cw_mul(quotient, db), b)
+
+
+@wp.func
+def forward_divide(a: wp.Float, b: Quaternion, da: wp.Float, db: Quaternion):
+    quotient = a / b
+    tangent = db
+    for i in range(4):
+        tangent[i] = (da - quotient[i] * db[i]) / b[i]
+    return quotient, tangent
 
 
 @derivative_of(wp.cw_div)
@@ -153,14 +169,9 @@ def forward_determinant(m: Matrix, dm: Matrix):
     return determinant, determinant * wp.trace(wp.inverse(m) * dm)  # Jacobi's formula, for an invertible m
 
 
-@derivative_of(wp.quat_rotate)
 @wp.func
-def forward_quat_rotate(q: Any, v: Vector, dq: Any, dv: Vector):
-    """The value is v (2 w^2 - 1) + 2 u (u . v) + 2 w u x v, as Warp computes it for a q of any length."""
-    two = v.dtype(2.0)
-    u, du = type(v)(q[0], q[1], q[2]), type(v)(dq[0], dq[1], dq[2])
-    w, dw = q[3], dq[3]
-    tangent = wp.quat_rotate(q, dv) + two * (
-        two * w * dw * v + wp.cross(u, v) * dw + wp.cross(du, v) * w + du * wp.dot(u, v) + u * wp.dot(du, v)
-    )
-    return wp.quat_rotate(q, v), tangent
+def forward_mod(a: Vector, b: Vector, da: Vector, db: Vector):
+    tangent = da
+    for i in range(len(a)):
+        tangent[i] = da[i] - wp.trunc(a[i] / b[i]) * db[i]
+    return wp.mod(a, b), tangent

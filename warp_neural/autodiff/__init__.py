@@ -22,7 +22,7 @@ from warp_neural.autodiff.loops import loop
 from warp_neural.autodiff.source import Source, define, differentiable
 from warp_neural.errors import InputError
 from warp_neural.kernels.autodiff.debug import debug_grad
-from warp_neural.kernels.autodiff.vector_rules import RULES
+from warp_neural.kernels.autodiff.transform_rules import RULES
 
 __all__ = ["check", "check_finite", "debug_grad", "forward_derivative", "jvp", "loop", "make_jvp"]
 

@@ -9,7 +9,7 @@ import warp as wp
 from warp_neural.autodiff.source import Source
 from warp_neural.errors import InputError
 from warp_neural.kernels.autodiff.rules import LINEAR, PRODUCTS, zero
-from warp_neural.kernels.autodiff.vector_rules import RULES
+from warp_neural.kernels.autodiff.transform_rules import RULES, left_of_product, right_of_product
 
 Dual = tuple[str, str | None]
 """Source text of a value and of its tangent; None for a value that depends on no active argument."""
@@ -92,8 +92,12 @@ class Expressions:
             case ast.Sub():
                 return self._step(f"{a} - {b}", (da or "") + (f" - {db}" if db else ""))
             case ast.Mult() | ast.MatMult():
-                terms = [f"{da} * {b}"] * bool(da) + [f"{a} * {db}"] * bool(db)
-                return self._step(f"{a} * {b}", " + ".join(terms))
+                left, right = f"{da} * {b}", f"{a} * {db}"
+                if self.source.may_be_transform(node.left) and self.source.may_be_transform(node.right):
+                    a = self._local(a)
+                    left = f"{self._name_for(left_of_product, 'left')}({a}, {b}, {da})"
+                    right = f"{self._name_for(right_of_product, 'right')}({a}, {b}, {db})"
+                return self._step(f"{a} * {b}", " + ".join([left] * bool(da) + [right] * bool(db)))
         if type(node.op) not in OPERATORS:
             raise self._error(node, "not supported in forward mode")
         return self._apply(RULES[OPERATORS[type(node.op)]], [(a, da or self._zero(a)), (b, db or self._zero(b))], 1)[0]
@@ -119,7 +123,11 @@ class Expressions:
         text = ast.unparse(node.func)
         if isinstance(callee, wp.Function) and not callee.is_builtin():
             return self._call_user(callee, node, count)
+        if callee is wp.mul and len(node.args) == 2:
+            return [self._binary(ast.BinOp(node.args[0], ast.Mult(), node.args[1]))]
         duals = [self._dual(argument) for argument in node.args]
+        if callee is wp.where:
+            duals[0] = duals[0][0], "False"  # also of an array
         if callee in RULES and not node.keywords:
             return self._apply(
                 RULES[callee], [(value, tangent or self._zero(value)) for value, tangent in duals], count

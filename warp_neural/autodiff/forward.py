@@ -22,7 +22,11 @@ import warp as wp
 from warp_neural.autodiff.dual import REMEDY, Dual, Expressions
 from warp_neural.autodiff.source import define, differentiable
 from warp_neural.errors import InputError
-from warp_neural.kernels.autodiff.vector_rules import RULES
+from warp_neural.kernels.autodiff.transform_rules import RULES
+
+HARMLESS = ("print", "expect_", "atomic_", "breakpoint", "store")
+"""Names of built-in functions, or their beginnings, that are called for their effect and change no variable."""
+WRITES = "writes to its arguments, which forward mode does not follow"
 
 
 @cache
@@ -71,8 +75,21 @@ class _Rewriter(Expressions):
                 self._block(f"while {ast.unparse(node.test)}:", node.body)
             case ast.Return(value=value) if value is not None:
                 self._return(value)
+            case ast.Expr(value=ast.Call()):
+                self._effect(node)
             case _:
                 self._emit(ast.unparse(node))
+
+    def _effect(self, node: ast.Expr) -> None:
+        """A call for what it does: prints and writes to arrays stay, what writes to variables loses their tangents."""
+        callee = self.source.resolve(node.value.func)
+        harmless = callee is print or (
+            isinstance(callee, wp.Function)
+            and (callee.key.startswith(HARMLESS) if callee.is_builtin() else not _writes(callee))
+        )
+        if not harmless and any(map(self.source.is_active, node.value.args)):
+            raise self._error(node, f"{ast.unparse(node.value.func)} {WRITES}")
+        self._emit(ast.unparse(node))
 
     def _block(self, head: str, body: list[ast.stmt]) -> None:
         self._emit(head)
@@ -106,6 +123,8 @@ class _Rewriter(Expressions):
         self._emit(f"return {', '.join([value for value, _ in duals] + tangents)}")
 
     def _call_user(self, callee: wp.Function, node: ast.Call, count: int) -> list[Dual]:
+        if _writes(callee):
+            raise self._error(node, f"{callee.key} {WRITES}")
         bound = inspect.signature(callee.func).bind(*node.args, **{k.arg: k.value for k in node.keywords})
         duals = {name: self._dual(argument) for name, argument in bound.arguments.items()}
         for name, default in callee.defaults.items():
@@ -116,3 +135,8 @@ class _Rewriter(Expressions):
         takes = [differentiable(type_) for type_ in callee.input_types.values()]
         duals = [(v, d or self._zero(v)) if take else (v, None) for take, (v, d) in zip(takes, duals, strict=True)]
         return self._apply(RULES[callee], duals, count)
+
+
+def _writes(func: wp.Function) -> bool:
+    """Whether a function changes variables of its caller."""
+    return any(type(type_) is type(wp.ref[float]) for type_ in func.input_types.values())

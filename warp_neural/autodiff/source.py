@@ -96,6 +96,12 @@ class Source:
                 return callee.func.__annotations__.get("return")
         return None
 
+    def may_be_transform(self, node: ast.expr) -> bool:
+        if isinstance(node, ast.Constant):
+            return False
+        known = self.type_of(node)
+        return known is None or wp.types.type_is_transformation(known)
+
     def is_active(self, node: ast.AST) -> bool:
         match node:
             case ast.Name():
