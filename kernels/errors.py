@@ -6,6 +6,7 @@ from operator import index
 from typing import Any
 
 LARGEST = 2**31 - 1  # of an index, a count or a coordinate on a device: 32 bits with a sign
+LARGEST_SEED = 2**64 - 1
 
 
 class InputError(ValueError):

@@ -20,6 +20,7 @@ from perf.networks import SHAPES, make_net, make_shade_kernel, shape_name
 from perf.pictures import bars
 from warp_neural import Trainer
 from warp_neural.cli import progress, run
+from warp_neural.kernels.nn.random import Stream, uniform
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ def make_sample(width: int) -> wp.Function:
     vec_in, vec_out = wp.types.vector(width, float), wp.types.vector(16, float)
 
     @wp.func
-    def sample(index: int, random: wp.uint32):
-        return vec_in(wp.randf(random)), vec_out(0.5)
+    def sample(index: int, random: Stream):
+        return vec_in(uniform(random, 0)[0]), vec_out(0.5)
 
     return sample
 

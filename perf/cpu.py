@@ -20,7 +20,7 @@ from perf.precision import OCTAVES, encode
 from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import Samples, run
 from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
-from warp_neural.kernels.nn.random import random_stream
+from warp_neural.kernels.nn.random import Stream, stream, uniform
 
 GRADIENT_LIMITS = {"float32": 1e-5, "float16": 1e-2}
 
@@ -34,16 +34,17 @@ class CpuConfig(Config):
 
 
 @wp.func
-def draw(index: int, random: wp.uint32):
-    x = wp.vec2(wp.randf(random), wp.randf(random))
+def draw(index: int, random: Stream):
+    u = uniform(random, 0)
+    x = wp.vec2(u[0], u[1])
     return x, wp.vec3(x[0], x[0] * x[1], (1.0 - x[0]) * x[1])
 
 
 @wp.kernel(enable_backward=False)
-def draw_kernel(seed: int, xs: wp.array[wp.vec2], targets: wp.array[wp.vec3]):
+def draw_kernel(seed: wp.uint64, xs: wp.array[wp.vec2], targets: wp.array[wp.vec3]):
     """The samples of step 0."""
     i = wp.tid()
-    x, target = draw(i, random_stream(seed, 0, i))
+    x, target = draw(i, stream(seed, 0, i))
     xs[i] = x
     targets[i] = target
 

@@ -26,6 +26,7 @@ from warp_neural import MLP, Trainer, encodings
 from warp_neural.cli import Between, progress, run
 from warp_neural.coopvec import make_load
 from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
+from warp_neural.kernels.nn.random import Stream, uniform
 from warp_neural.samples.hardware_acceleration import texture
 from warp_neural.samples.network import step_02_multiple_layers, step_04_frequency_encoding
 
@@ -55,16 +56,16 @@ def make_row_sample(width: int) -> wp.Function:
     vec_out = wp.types.vector(16, float)
 
     @wp.func
-    def sample(index: int, random: wp.uint32, rows: Rows):
+    def sample(index: int, random: Stream, rows: Rows):
         return load_x(rows.x, index), vec_out(load_target(rows.target, index))
 
     return sample
 
 
 @wp.func
-def pixel(index: int, random: wp.uint32, image: wp.array2d[wp.vec3]):
-    u = wp.randf(random)
-    v = wp.randf(random)
+def pixel(index: int, random: Stream, image: wp.array2d[wp.vec3]):
+    numbers = uniform(random, 0)
+    u, v = numbers[0], numbers[1]
     i = wp.min(int(v * float(image.shape[0])), image.shape[0] - 1)
     j = wp.min(int(u * float(image.shape[1])), image.shape[1] - 1)
     return wp.vec2(u, v), image[i, j]

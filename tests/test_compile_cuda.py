@@ -11,6 +11,7 @@ from warp_neural.kernels.coopvec.network import make_network
 from warp_neural.kernels.coopvec.operations import Buffer, MatrixSpec, make_matmul_add, make_outer_product_accumulate
 from warp_neural.kernels.nn.losses import l2
 from warp_neural.kernels.nn.optimizers import adam
+from warp_neural.kernels.nn.random import Stream, uniform
 from warp_neural.kernels.nn.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
 from warp_neural.kernels.training.encoded_batch import (
     make_adjoint_sample,
@@ -95,8 +96,8 @@ ENCODED = encodings.Concatenate((encodings.Identity(), encodings.LatentTexture(9
 
 
 @wp.func
-def corner(index: int, random: wp.uint32):
-    return wp.vec2(wp.randf(random), 0.5), wp.vec3(0.25)
+def corner(index: int, random: Stream):
+    return wp.vec2(uniform(random, 0)[0], 0.5), wp.vec3(0.25)
 
 
 @pytest.mark.parametrize("encoding", [None, encodings.Frequency(8), encodings.HashGrid(levels=8), ENCODED])

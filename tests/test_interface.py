@@ -15,7 +15,7 @@ ROW = np.zeros((3, 5), np.float32)
 
 
 @wp.func
-def sample(index: int, random: wp.uint32):
+def sample(index: int, random: wn.random.Stream):
     return wp.vec2(), wp.vec3()
 
 

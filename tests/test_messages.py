@@ -10,7 +10,7 @@ FILE = r"\(.*test_messages.py:{}\)"
 
 
 @wp.func
-def right(index: int, random: wp.uint32):
+def right(index: int, random: wn.random.Stream):
     return wp.vec2(), wp.vec3()
 
 
@@ -20,27 +20,27 @@ def one_argument(index: int):
 
 
 @wp.func
-def swapped(random: wp.uint32, index: int):
+def swapped(random: wn.random.Stream, index: int):
     return wp.vec2(), wp.vec3()
 
 
 @wp.func
-def wrong_input(index: int, random: wp.uint32):
+def wrong_input(index: int, random: wn.random.Stream):
     return wp.vec3(), wp.vec3()
 
 
 @wp.func
-def wrong_target(index: int, random: wp.uint32):
+def wrong_target(index: int, random: wn.random.Stream):
     return wp.vec2(), 1.0
 
 
 @wp.func
-def one_result(index: int, random: wp.uint32):
+def one_result(index: int, random: wn.random.Stream):
     return wp.vec2()
 
 
 @wp.func
-def wrong_inside(index: int, random: wp.uint32):
+def wrong_inside(index: int, random: wn.random.Stream):
     return wp.vec2(wp.sin(index)), wp.vec3()
 
 
@@ -57,8 +57,8 @@ OBJECTS = [
     ({"encoding": wn.encodings.HashGrid}, r"encoding=HashGrid: .*; write wn.encodings.HashGrid\(\)$"),
 ]
 FUNCTIONS = [
-    (one_argument, "takes .*; expected a @wp.func of .index: int, random: wp.uint32"),
-    (swapped, "takes .*; expected a @wp.func of .index: int, random: wp.uint32"),
+    (one_argument, "takes .*; expected a @wp.func of .index: int, random: wn.random.Stream"),
+    (swapped, "takes .*; expected a @wp.func of .index: int, random: wn.random.Stream"),
     (wrong_input, "expected to return .x: a vector of 2 float32, target: a vector of 3 float32. .*vec3f"),
     (wrong_target, "expected to return .x: a vector of 2 float32, target: a vector of 3 float32. .*float32"),
     (one_result, "expected to return .x: a vector of 2 float32, target: a vector of 3 float32"),

@@ -14,7 +14,6 @@ from warp_neural.errors import InputError
 from warp_neural.imaging.image import load_image, save_image
 from warp_neural.kernels.training.fused import make_gradient_kernel
 from warp_neural.kernels.training.mma.schedule import make_schedule
-from warp_neural.materials.shading import random_stream
 from warp_neural.samples.shader_training import __main__ as shader_training
 from warp_neural.samples.shader_training import (
     step_01_simple_inferencing,
@@ -22,14 +21,14 @@ from warp_neural.samples.shader_training import (
     step_03_model_exploration,
 )
 from warp_neural.samples.shader_training.disney import disney_terms, draw, vec5
-from warp_neural.samples.shader_training.evaluate import HELD_OUT, evaluate, make_error_kernel
+from warp_neural.samples.shader_training.evaluate import evaluate, make_error_kernel
 from warp_neural.samples.shader_training.train import LOSS, make_net
 
 
 @wp.kernel(enable_backward=False)
-def draw_kernel(seed: int, xs: wp.array[vec5], terms: wp.array[wp.vec4]):
+def draw_kernel(seed: wp.uint64, xs: wp.array[vec5], terms: wp.array[wp.vec4]):
     i = wp.tid()
-    x, t = draw(i, random_stream(seed, 0, i))
+    x, t = draw(i, wn.random.stream(seed, 0, i, wn.random.HELD_OUT))
     xs[i] = x
     terms[i] = t
 
@@ -92,7 +91,7 @@ def test_exact_predictions_have_no_error(device, drawn):
     errors = {}
     for func in (exact, doubled):
         net = SimpleNamespace(func=func, params=wn.MLP.Params(), device=device)
-        errors[func] = evaluate(net, samples=50000, seed=3 - HELD_OUT)
+        errors[func] = evaluate(net, samples=50000, seed=3)
     assert errors[exact]["relative_error"] == errors[exact]["relative_error_median"] == 0
     assert errors[exact]["relative_error_per_term"] == [0] * 4
     assert errors[doubled]["relative_error"] == pytest.approx(1) == errors[doubled]["relative_error_median"]
@@ -103,7 +102,7 @@ def test_exact_predictions_have_no_error(device, drawn):
 def test_errors_of_a_network_against_float64(device, drawn):
     """Of a fresh network, both as the device counts them and from its own outputs."""
     net = make_net(device, seed=1)
-    errors = evaluate(net, samples=50000, seed=3 - HELD_OUT)
+    errors = evaluate(net, samples=50000, seed=3)
     terms = reference_disney.disney_terms(drawn[0])
     y = predictions(net, drawn[0])
     relative = np.linalg.norm(y - terms, axis=1) / np.linalg.norm(terms, axis=1)

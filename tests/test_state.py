@@ -118,9 +118,9 @@ def test_int8_steps_of_inputs_stay_and_those_of_weights_follow(device, tmp_path)
 
 
 @wp.func
-def product(index: int, random: wp.uint32):
-    u = 8.0 * wp.randf(random) - 4.0
-    v = 8.0 * wp.randf(random) - 4.0
+def product(index: int, random: wn.random.Stream):
+    numbers = 8.0 * wn.random.uniform(random, 0) - wp.vec4(4.0)
+    u, v = numbers[0], numbers[1]
     return wp.vec2(u, v), wp.vec2(0.25 * u * v, wp.sin(u) + 0.5 * v)
 
 

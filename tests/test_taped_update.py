@@ -15,9 +15,9 @@ DENSE = encodings.Concatenate((encodings.LatentTexture(5, 5, 3), GRID))  # ends 
 
 
 @wp.func
-def wave(index: int, random: wp.uint32):
-    u = wp.randf(random)
-    v = wp.randf(random)
+def wave(index: int, random: wn.random.Stream):
+    numbers = wn.random.uniform(random, 0)
+    u, v = numbers[0], numbers[1]
     return wp.vec2(u, v), wp.vec3(u, u * v, wp.sin(9.0 * v))
 
 

@@ -52,9 +52,9 @@ def test_steps_of_the_optimizer(device, optimizer):
 
 
 @wp.func
-def line(index: int, random: wp.uint32):
-    u = wp.randf(random)
-    v = wp.randf(random)
+def line(index: int, random: wn.random.Stream):
+    numbers = wn.random.uniform(random, 0)
+    u, v = numbers[0], numbers[1]
     return wp.vec2(u, v), wp.vec3(u, v, 0.5 * (u + v))
 
 

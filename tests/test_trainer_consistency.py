@@ -149,10 +149,10 @@ class Points:
 
 
 @wp.func
-def from_array(index: int, random: wp.uint32, data: wp.array[float]):
+def from_array(index: int, random: wn.random.Stream, data: wp.array[float]):
     return vec1(data[index % 3]), vec1(1.0)
 
 
 @wp.func
-def from_struct(index: int, random: wp.uint32, data: Points):
+def from_struct(index: int, random: wn.random.Stream, data: Points):
     return vec1(data.x[index % 3]), vec1(1.0)

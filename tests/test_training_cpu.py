@@ -26,7 +26,7 @@ def make_sample(n_in: int, n_out: int, dtype: type):
     vec_in, vec_out = wp.types.vector(n_in, dtype), wp.types.vector(n_out, float)
 
     @wp.func
-    def sample(index: int, random: wp.uint32, pairs: Pairs):
+    def sample(index: int, random: wn.random.Stream, pairs: Pairs):
         x = vec_in()
         target = vec_out()
         for k in range(pairs.x.shape[1]):
@@ -39,9 +39,9 @@ def make_sample(n_in: int, n_out: int, dtype: type):
 
 
 @wp.func
-def noise(index: int, random: wp.uint32):
-    x = wp.vec2(wp.randf(random), wp.randf(random))
-    return x, wp.vec3(x[0], x[0] * x[1], wp.randf(random))
+def noise(index: int, random: wn.random.Stream):
+    u = wn.random.uniform(random, 0)
+    return wp.vec2(u[0], u[1]), wp.vec3(u[0], u[0] * u[1], u[2])
 
 
 def make_net(n_in, n_out, width, depth, **options):

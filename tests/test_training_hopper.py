@@ -63,8 +63,8 @@ vec40 = wp.types.vector(40, float)
 
 
 @wp.func
-def point(index: int, random: wp.uint32):
-    return vec40(wp.randf(random)), wp.vec3(0.25)
+def point(index: int, random: wn.random.Stream):
+    return vec40(wn.random.uniform(random, 0)[0]), wp.vec3(0.25)
 
 
 @pytest.mark.parametrize("width, depth", [(64, 3), (128, 2), (128, 3)])

@@ -23,7 +23,7 @@ def make_sample(n_in: int, n_out: int):
     vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(n_out, float)
 
     @wp.func
-    def sample(index: int, random: wp.uint32, pairs: Pairs):
+    def sample(index: int, random: wn.random.Stream, pairs: Pairs):
         row = index % pairs.x.shape[0]
         x = vec_in()
         target = vec_out()

@@ -26,7 +26,7 @@ else:  # a checkout, installed or not: `kernels` and `samples` lie beside this f
 from warp_neural import autodiff, coopvec
 from warp_neural.errors import InputError
 from warp_neural.imaging.density import Density
-from warp_neural.kernels.nn import activations, encodings, losses
+from warp_neural.kernels.nn import activations, encodings, losses, random
 from warp_neural.kernels.shading import sampling_2d
 from warp_neural.nn import initialization
 from warp_neural.nn.convert import load_rtxns, save_rtxns
@@ -52,6 +52,7 @@ __all__ = [
     "load_rtxns",
     "losses",
     "optim",
+    "random",
     "sampling_2d",
     "save_network",
     "save_rtxns",

@@ -1,13 +1,18 @@
 """Points of the unit square [0, 1)^2: one a grid cell, and as dense as an image is bright.
 
-All take two uniform numbers u and v in [0, 1), each a `wp.randf(rng)` of the caller, and not the generator's state:
-Warp passes that by value, so a function's draws would not advance the caller's, who would see the same numbers again.
-`wp.vec2(wp.randf(rng), wp.randf(rng))` is the uniform point.
+All take two uniform numbers u and v in [0, 1), as `wn.random.uniform` draws them.
 """
 
 import warp as wp
 
-BELOW_ONE = wp.constant(1.0 - 2.0**-24)
+MARGIN = wp.constant(2.0**-22)  # more than the roundings of a quotient and of its product with the divisor again
+
+
+@wp.func
+def inside(cell: int, u: float, count: int) -> float:
+    """The coordinate in [0, 1) of the part u of `cell`, of `count` <= 2^20: int(coordinate * count) is the cell."""
+    low, high = float(cell), float(cell + 1)
+    return wp.clamp(low + u, low + low * MARGIN, high - high * MARGIN) / float(count)
 
 
 @wp.func
@@ -17,9 +22,7 @@ def jittered_2d(index: int, columns: int, rows: int, u: float, v: float) -> wp.v
     A batch of all cells is a stratified sample: its means vary less than those of independent points.
     """
     cell = index % (columns * rows)
-    x = (float(cell % columns) + u) / float(columns)
-    y = (float(cell / columns) + v) / float(rows)
-    return wp.vec2(wp.min(x, BELOW_ONE), wp.min(y, BELOW_ONE))
+    return wp.vec2(inside(cell % columns, u, columns), inside(cell / columns, v, rows))
 
 
 @wp.struct
@@ -59,6 +62,6 @@ def sample_density(data: DensityData, u: float, v: float) -> tuple[wp.vec2, floa
     column = last_not_above(shares, u)
     height, width = data.columns.shape[0], data.columns.shape[1] - 1
     row_share, column_share = data.rows[row + 1] - data.rows[row], shares[column + 1] - shares[column]
-    x = (float(column) + (u - shares[column]) / column_share) / float(width)
-    y = (float(row) + (v - data.rows[row]) / row_share) / float(height)
-    return wp.vec2(wp.min(x, BELOW_ONE), wp.min(y, BELOW_ONE)), row_share * column_share * float(width * height)
+    x = inside(column, (u - shares[column]) / column_share, width)
+    y = inside(row, (v - data.rows[row]) / row_share, height)
+    return wp.vec2(x, y), row_share * column_share * (float(width) * float(height))

@@ -21,7 +21,7 @@ class Progress:
     batch: wp.array[int]
     rates: wp.array[float]
     losses: wp.array[float]
-    seed: int
+    seed: wp.uint64
 
 
 @wp.func

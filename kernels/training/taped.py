@@ -5,25 +5,25 @@ from functools import cache
 import warp as wp
 
 from warp_neural.kernels.nn.losses import Loss
-from warp_neural.kernels.nn.random import random_stream
+from warp_neural.kernels.nn.random import stream
 from warp_neural.kernels.nn.spec import C_TYPES, NetworkSpec, Parameters
 from warp_neural.kernels.training.progress import Progress, batch_of
 
 
 def data_type(sample: wp.Function) -> type:
-    """Of the third argument of `(index, random state, data) -> (x, target)`; int where there is none."""
+    """Of the third argument of `(index, random, data) -> (x, target)`; int where there is none."""
     types = list(sample.input_types.values())
     return types[2] if len(types) == 3 else int
 
 
 @cache
 def make_draw(sample: wp.Function) -> wp.Function:
-    """`(progress, step, index, data) -> (x, target)`: one sample of a step, from its own random state."""
+    """`(progress, step, index, data) -> (x, target)`: one sample of a step, from its own stream of random numbers."""
     data = data_type(sample)
 
     @wp.func
     def draw(progress: Progress, step: int, index: int, data: data):
-        random = random_stream(progress.seed, step, index)
+        random = stream(progress.seed, step, index)
         if wp.static(len(sample.input_types) == 3):
             x, target = sample(index, random, data)
         else:

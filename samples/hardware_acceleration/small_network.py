@@ -28,9 +28,9 @@ def functions(x: float, y: float) -> wp.vec4:
 
 
 @wp.func
-def sample(index: int, random: wp.uint32):
-    x, y = wp.randf(random), wp.randf(random)
-    return features(x, y), functions(x, y)
+def sample(index: int, random: wn.random.Stream):
+    u = wn.random.uniform(random, 0)
+    return features(u[0], u[1]), functions(u[0], u[1])
 
 
 def make_network(implementation: str, seed: int, device: wp.Device) -> wn.MLP:

@@ -50,9 +50,10 @@ def color(picture: wp.array2d[wp.vec3ub], i: int, j: int) -> wp.vec3:
 
 
 @wp.func
-def sample(index: int, random: wp.uint32, picture: wp.array2d[wp.vec3ub]):
+def sample(index: int, random: wn.random.Stream, picture: wp.array2d[wp.vec3ub]):
+    u = wn.random.uniform(random, 0)
     height, width = picture.shape[0], picture.shape[1]
-    i, j = wp.randi(random, 0, height), wp.randi(random, 0, width)
+    i, j = int(u[0] * float(height)), int(u[1] * float(width))
     return wp.vec2((float(j) + 0.5) / float(width), (float(i) + 0.5) / float(height)), color(picture, i, j)
 
 

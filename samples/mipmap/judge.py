@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from warp_neural.materials.shading import display, random_stream, uniform_hemisphere
+import warp_neural as wn
+from warp_neural.materials.shading import display, uniform_hemisphere
 from warp_neural.samples.mipmap.maps import Maps, load_channels, pack, packed_shade
 from warp_neural.samples.mipmap.threads import threads
 
@@ -26,7 +27,7 @@ def shade_mean(source: wp.array3d[float], t: int, light: wp.vec3, view: wp.vec3)
 def judge_kernel(
     source: wp.array3d[float],  # [texels of the source under a texel, n, 8]
     candidates: wp.array3d[float],  # [candidates, n, 8]
-    seed: int,
+    seed: wp.uint64,
     first_batch: int,
     pairs: int,
     linear: wp.array3d[float],  # [candidates, batches, n], sums over pairs of the mean square over RGB
@@ -34,10 +35,10 @@ def judge_kernel(
 ):
     """Squared errors of radiance and of displayed values over uniform pairs, new ones for each texel and batch."""
     b, t = wp.tid()
-    random = random_stream(seed, first_batch + b, t)
-    for _ in range(pairs):
-        light = uniform_hemisphere(wp.randf(random), wp.randf(random))
-        view = uniform_hemisphere(wp.randf(random), wp.randf(random))
+    random = wn.random.stream(seed, first_batch + b, t, wn.random.HELD_OUT)
+    for pair in range(pairs):
+        u = wn.random.uniform(random, pair)
+        light, view = uniform_hemisphere(u[0], u[1]), uniform_hemisphere(u[2], u[3])
         truth = shade_mean(source, t, light, view)
         shown_truth = display(truth)
         for c in range(linear.shape[0]):

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+import warp_neural as wn
 from warp_neural.materials.shading import (
     brdf,
     display_smooth,
     lobe_density,
     lobe_light,
     lobe_view,
-    random_stream,
     uniform_hemisphere,
 )
 from warp_neural.samples.mipmap.maps import Maps, load_channels, packed_normal, packed_shade
@@ -52,7 +52,7 @@ def keep_adjoints_kernel(v: wp.array[wp.vec3], x: wp.array[float], loss: wp.arra
 @wp.kernel(enable_backward=False)
 def gradient_kernel(
     source: wp.array3d[float],  # [texels of the source under a texel, n, 8], see pack
-    seed: int,
+    seed: wp.uint64,
     steps: wp.array[int],  # [1], part of the seed
     pairs: int,
     uniform_share: float,
@@ -70,7 +70,7 @@ def gradient_kernel(
 ):
     """The texel's gradient, averaged over `pairs` random pairs of a light and a view direction."""
     t = wp.tid()
-    random = random_stream(seed, steps[0], t)
+    random = wn.random.stream(seed, steps[0], t)
     count = source.shape[0]
     own_normal = wp.normalize(normal[t])
     own_roughness = roughness[t]
@@ -80,22 +80,22 @@ def gradient_kernel(
     metalness_sum = float(0.0)
     specular_sum = float(0.0)
 
-    for _ in range(pairs):
+    for pair in range(pairs):
         # A share of the pairs is uniform; the others follow the highlight of one facet: half the time the learned
         # texel's own, else one of the source's.
-        light = uniform_hemisphere(wp.randf(random), wp.randf(random))
-        view = uniform_hemisphere(wp.randf(random), wp.randf(random))
-        choice = wp.randf(random)
+        u, w = wn.random.uniform(random, 3 * pair), wn.random.uniform(random, 3 * pair + 1)
+        light, view = uniform_hemisphere(u[0], u[1]), uniform_hemisphere(u[2], u[3])
         facet_normal = own_normal
         facet_roughness = own_roughness
-        if wp.randf(random) < 0.5:
-            facet = wp.min(int(choice * float(count)), count - 1)
+        if w[0] < 0.5:
+            facet = int(w[1] * float(count))
             channels = load_channels(source[facet], t)
             facet_normal = packed_normal(channels)
             facet_roughness = channels[3]
-        if wp.randf(random) >= uniform_share:
-            view = lobe_view(facet_normal, facet_roughness, wp.randf(random), wp.randf(random), wp.randf(random))
-            light = lobe_light(facet_normal, facet_roughness, view, wp.randf(random), wp.randf(random))
+        if w[2] >= uniform_share:
+            u = wn.random.uniform(random, 3 * pair + 2)
+            view = lobe_view(facet_normal, facet_roughness, w[3], u[0], u[1])
+            light = lobe_light(facet_normal, facet_roughness, view, u[2], u[3])
 
         if light[2] > 0.0 and view[2] > 0.0 and wp.dot(light, light + view) > 0.0:
             reference = wp.vec3(0.0)

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+import warp_neural as wn
 from warp_neural import cli
-from warp_neural.materials.shading import brdf, random_stream, read_float, read_vec3, uniform_hemisphere
+from warp_neural.materials.shading import brdf, read_float, read_vec3, uniform_hemisphere
 from warp_neural.samples.figures import save_picture
 from warp_neural.samples.mipmap.maps import MaterialConfig, source_maps
 from warp_neural.samples.mipmap.step_01_basic_program import render, shown, upload
@@ -74,7 +75,7 @@ def loss_kernel(
     source_roughness: wp.array2d[float],
     source_metalness: wp.array2d[float],
     factor: int,
-    seed: int,
+    seed: wp.uint64,
     steps: wp.array[int],
     albedo: wp.array2d[wp.vec3],
     normal: wp.array2d[wp.vec3],
@@ -86,9 +87,8 @@ def loss_kernel(
     loss: wp.array2d[float],
 ):
     i, j = wp.tid()
-    random = random_stream(seed, steps[0], i * loss.shape[1] + j)
-    light = uniform_hemisphere(wp.randf(random), wp.randf(random))
-    view = uniform_hemisphere(wp.randf(random), wp.randf(random))
+    u = wn.random.uniform(wn.random.stream(seed, steps[0], i * loss.shape[1] + j), 0)
+    light, view = uniform_hemisphere(u[0], u[1]), uniform_hemisphere(u[2], u[3])
 
     a = read_vec3(albedo, albedo_gradient, i, j)
     n = wp.normalize(read_vec3(normal, normal_gradient, i, j))

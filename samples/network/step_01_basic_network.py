@@ -35,9 +35,10 @@ def pixel_centre(i: int, j: int, height: int, width: int) -> wp.vec2:
 
 
 @wp.func
-def sample(index: int, random: wp.uint32, target: wp.array2d[wp.vec3]):
+def sample(index: int, random: wn.random.Stream, target: wp.array2d[wp.vec3]):
     """The centre (u, v) and the colour of a random pixel in cell `index` of the grid."""
-    point = wn.sampling_2d.jittered_2d(index, GRID, GRID, wp.randf(random), wp.randf(random))
+    u = wn.random.uniform(random, 0)
+    point = wn.sampling_2d.jittered_2d(index, GRID, GRID, u[0], u[1])
     height, width = target.shape[0], target.shape[1]
     i, j = int(point[1] * float(height)), int(point[0] * float(width))
     return pixel_centre(i, j, height, width), target[i, j]

@@ -69,16 +69,17 @@ def radiance(terms: wp.vec4, nl: float, base_color: wp.vec3, specular: float, me
 
 
 @wp.func
-def draw(index: int, random: wp.uint32) -> tuple[vec5, wp.vec4]:
+def draw(index: int, random: wn.random.Stream) -> tuple[vec5, wp.vec4]:
     """A sample for training: input and terms.
 
     Angles are uniform: the light's elevation, in the XZ plane since only the azimuth between light and view matters,
     the view's elevation and its azimuth all around. The roughness is uniform from 0.3 to 1.
     """
-    light = 0.5 * wp.pi * wp.randf(random)
-    azimuth = wp.pi * (2.0 * wp.randf(random) - 1.0)
-    view = 0.5 * wp.pi * wp.randf(random)
+    u = wn.random.uniform(random, 0)
+    light = 0.5 * wp.pi * u[0]
+    azimuth = wp.pi * (2.0 * u[1] - 1.0)
+    view = 0.5 * wp.pi * u[2]
     l = wp.vec3(wp.cos(light), 0.0, wp.sin(light))
     v = wp.vec3(wp.cos(view) * wp.cos(azimuth), wp.cos(view) * wp.sin(azimuth), wp.sin(view))
-    x = cosines(wp.vec3(0.0, 0.0, 1.0), l, v, 0.3 + 0.7 * wp.randf(random))
+    x = cosines(wp.vec3(0.0, 0.0, 1.0), l, v, 0.3 + 0.7 * u[3])
     return x, disney_terms(x)

@@ -6,10 +6,7 @@ import numpy as np
 import warp as wp
 
 import warp_neural as wn
-from warp_neural.materials.shading import random_stream
 from warp_neural.samples.shader_training.disney import draw
-
-HELD_OUT = 0x5EED  # added to the seed: samples that no training step draws
 
 
 @cache
@@ -17,9 +14,9 @@ def make_error_kernel(func: wp.Function) -> wp.Kernel:
     """dim (samples): errors of `func(params, x)`."""
 
     @wp.kernel(module="unique", enable_backward=False)
-    def error_kernel(params: wn.MLP.Params, seed: int, errors: wp.array[float], by_term: wp.array[wp.vec4]):
+    def error_kernel(params: wn.MLP.Params, seed: wp.uint64, errors: wp.array[float], by_term: wp.array[wp.vec4]):
         i = wp.tid()
-        x, terms = draw(i, random_stream(seed, 0, i))
+        x, terms = draw(i, wn.random.stream(seed, 0, i, wn.random.HELD_OUT))
         y = func(params, x)
         error = wp.vec4()
         relative = wp.vec4()
@@ -33,12 +30,13 @@ def make_error_kernel(func: wp.Function) -> wp.Kernel:
 
 
 def evaluate(net: wn.MLP, *, samples: int = 1 << 20, seed: int = 0) -> dict[str, float | list[float]]:
-    """Errors over `samples` inputs drawn as in training: ||prediction - terms|| / ||terms|| of all four terms together,
-    mean and median, and of each term the mean of |error| / (|term| + 0.01).
+    """Errors over `samples` inputs drawn as in training, but from streams that training does not have:
+    ||prediction - terms|| / ||terms|| of all four terms together, mean and median, and of each term the mean of
+    |error| / (|term| + 0.01).
     """
     errors = wp.empty(samples, dtype=float, device=net.device)
     by_term = wp.empty(samples, dtype=wp.vec4, device=net.device)
-    inputs = [net.params, seed + HELD_OUT, errors, by_term]
+    inputs = [net.params, seed, errors, by_term]
     wp.launch(make_error_kernel(net.func), dim=samples, inputs=inputs, device=net.device, record_tape=False)
     values = errors.numpy()
     return {

@@ -42,8 +42,9 @@ def transformed(photo: Photo, uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def sample(index: int, random: wp.uint32, photo: Photo) -> tuple[wp.vec2, wp.vec3]:
-    uv = wp.vec2(wp.randf(random), wp.randf(random))
+def sample(index: int, random: wn.random.Stream, photo: Photo) -> tuple[wp.vec2, wp.vec3]:
+    u = wn.random.uniform(random, 0)
+    uv = wp.vec2(u[0], u[1])
     return uv, transformed(photo, uv)
 
 

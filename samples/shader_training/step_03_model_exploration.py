@@ -28,8 +28,9 @@ class Config(PhotoConfig):
 
 
 @wp.func
-def sample(index: int, random: wp.uint32, texels: wp.array2d[wp.vec3]) -> tuple[wp.vec2, wp.vec3]:
-    uv = wp.vec2(wp.randf(random), wp.randf(random))
+def sample(index: int, random: wn.random.Stream, texels: wp.array2d[wp.vec3]) -> tuple[wp.vec2, wp.vec3]:
+    u = wn.random.uniform(random, 0)
+    uv = wp.vec2(u[0], u[1])
     return uv, bilinear(texels, uv)
 
 

@@ -3,7 +3,6 @@
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.nn.random import random_stream
 from warp_neural.kernels.shading.brdf import brdf, ggx, ggx_alpha, schlick
 from warp_neural.kernels.shading.sampling import (
     direction_around,
@@ -27,7 +26,6 @@ __all__ = [
     "lobe_density",
     "lobe_light",
     "lobe_view",
-    "random_stream",
     "read_float",
     "read_vec3",
     "schlick",

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.errors import LARGEST, require_whole
+from warp_neural.kernels.errors import LARGEST, LARGEST_SEED, require_whole
 from warp_neural.kernels.nn import activations, encodings
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.encodings import Encoding
@@ -38,7 +38,7 @@ def initial_state(
     require_whole("n_out", n_out, 1, MAX_SIZE)
     require_whole("width", width, 1, MAX_SIZE)
     require_whole("depth", depth, 0, MAX_LAYERS - 1)
-    require_whole("seed", seed, 0)
+    require_whole("seed", seed, 0, LARGEST_SEED)
     for name, value in (("activation", activation), ("output_activation", output_activation)):
         require_object(name, value, (Activation,), activations, "one of wn.activations, or an Activation of your own")
     n_in, n_out, width, depth = map(int, (n_in, n_out, width, depth))  # NumPy's whole numbers too

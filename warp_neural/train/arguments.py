@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.errors import is_finite, require, require_whole, single
+from warp_neural.kernels.errors import LARGEST_SEED, is_finite, require, require_whole, single
 from warp_neural.kernels.nn import losses
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.training.taped import data_type
@@ -33,7 +33,7 @@ def check_arguments(net: Any, sample: Any, loss: Any, optimizer: Any, numbers: d
         require_object("optimizer", optimizer, (Adam, SGD), optim, "Adam or SGD of wn.optim")
     average, scale = numbers["average"], numbers["loss_scale"]
     require_whole("batches", numbers["batches"])
-    require_whole("seed", numbers["seed"], 0)
+    require_whole("seed", numbers["seed"], 0, LARGEST_SEED)
     decays = average is None or (is_finite(average) and 0 <= single(average) < 1)
     require(decays, "average", average, "the decay of an average, in [0, 1) of float32")
     scales = scale is None or (is_finite(scale) and scale > 0 and is_finite(1 / scale))

@@ -9,9 +9,10 @@ import warp as wp
 
 from warp_neural.errors import InputError
 from warp_neural.kernels.errors import require
+from warp_neural.kernels.nn.random import Stream
 from warp_neural.nn.mlp import MLP
 
-EXPECTED = "a @wp.func of (index: int, random: wp.uint32) or (index: int, random: wp.uint32, data)"
+EXPECTED = "a @wp.func of (index: int, random: wn.random.Stream), and of a third argument that it reads as data"
 PLACE = re.compile(r'Error while parsing function "([^"]*)" at (.*?):(\d+):\n')
 
 
@@ -19,7 +20,7 @@ def check_sample(sample: Any) -> None:
     """Its arguments; what it returns is known as it is compiled."""
     is_function = isinstance(sample, wp.Function) and not sample.is_builtin()
     types = list(sample.input_types.values()) if is_function else []
-    right = len(types) in (2, 3) and types[0] in (int, wp.int32) and types[1] is wp.uint32
+    right = len(types) in (2, 3) and types[0] in (int, wp.int32) and types[1] is Stream
     if is_function and not right:
         raise InputError(f"sample={place_of(sample)}: takes {sample!s}; expected {EXPECTED}")
     require(right, "sample", getattr(sample, "__name__", sample), EXPECTED)

@@ -42,9 +42,9 @@ def fused_steps(net: MLP) -> type[FusedCuda | FusedCpu] | None:
 class Trainer:
     """Trains `net` on samples that `sample` makes, without the host: see `run`.
 
-    sample: a `@wp.func` `(index: int, random: wp.uint32, data: D) -> (x: net.vec_in, target: vec of n_out float)`, or
-    one without the last argument; it draws random numbers from `random` with `wp.randf`. `data` is what it reads: an
-    array, or a struct of arrays. loss: see `wn.losses`; its mean over the batch counts.
+    sample: a `@wp.func` `(index: int, random: wn.random.Stream, data: D) -> (x: net.vec_in, target)`, the target a
+    vector of n_out floats, or one without the last argument; it draws by `wn.random.uniform(random, 0)`. `data` is what
+    it reads: an array, or a struct of arrays. loss: see `wn.losses`; its mean over the batch counts.
     batch: samples of a step, one number, or those of the steps to come, the last one staying, for a batch that grows.
     batches: how many batches' gradients are added up for one step. average: the decay, such as 0.99, of an exponential
     moving average of the parameters, in `averaged`. loss_scale: what gradients are multiplied by to fit float16; by
