@@ -99,8 +99,8 @@ def loop(body: wp.Function, condition: wp.Function | None = None, *, checkpoints
             return net.func(params, ray.origin + t * ray.direction)[0] > 1.0e-3
 
         @wp.func
-        def absorb(light: wp.vec3, ray: Ray, fog: wp.array[wp.vec3], i: int) -> wp.vec3:
-            return wp.cw_mul(light, wp.exp(-fog[i] * ray.spacing))
+        def absorb(light: wp.vec3, ray: Ray, fog: wp.array[float], i: int) -> wp.vec3:
+            return light * wp.exp(-fog[i] * ray.spacing)
 
         trace, transmit = wn.autodiff.loop(step, outside), wn.autodiff.loop(absorb)
         t = trace(0.0, ray, params, 64)
