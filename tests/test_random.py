@@ -116,7 +116,7 @@ def old_sample(index: int, random: wp.uint32):
 
 
 def test_a_sample_with_another_generator():
-    with pytest.raises(wn.InputError, match=r"sample=old_sample .*: expected .*random: wn\.random\.Stream"):
+    with pytest.raises(wn.InputError, match=r"sample=old_sample .*expected .*random: wn\.random\.Stream"):
         wn.Trainer(wn.MLP(2, 3, device="cpu"), sample=old_sample)
 
 
