@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # each room may import those of earlier lines, and itself
 ROOMS = """
-kernels.native kernels.errors
+kernels.native kernels.errors kernels.kept
 kernels.nn
 kernels.autodiff kernels.coopvec kernels.shading
 kernels.training.progress kernels.training.schedule

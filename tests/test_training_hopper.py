@@ -75,7 +75,7 @@ def test_compiles_for_hopper(width, depth, tmp_path, monkeypatch):
     assert schedule.arch_suffix == "a"
     kernels = make_kernels(spec, schedule, point, l2)
     if schedule.lower:
-        kernels.append(make_lower_kernel(spec, schedule, int, True))
+        kernels.append(make_lower_kernel(spec, schedule, point, True))
     for i, kernel in enumerate(kernels):
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / f"{i}")
         assert artifact.suffixes == [".sm90a", ".cubin"]

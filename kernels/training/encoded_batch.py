@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from warp_neural.kernels.coopvec.memory import make_load, make_store
+from warp_neural.kernels.kept import kept_by
 from warp_neural.kernels.nn.encodings.base import Leaf
 from warp_neural.kernels.nn.encodings.parts import make_adjoint_part, make_encode_part, make_shared_sums, vec_part
 from warp_neural.kernels.nn.spec import FLOAT16, Format, Parameters
@@ -28,7 +29,7 @@ def threads_of(leaf: Leaf, batch: int) -> int:
     return -(-batch * leaf.encoding.lanes // TILE) * TILE * leaf.encoding.n_parts
 
 
-@cache
+@kept_by("sample")
 def make_encoded_kernel(sample: wp.Function, use: wp.Function, leaf: Leaf, format: Format) -> wp.Kernel:
     """`use(params, x, encoded[i], part, lane, first)` of every sample i, by whole warps. False flags the step.
 
@@ -94,7 +95,7 @@ def make_adjoint_sample(leaf: Leaf, vec_in: type, start: int, format: Format) ->
     return adjoint_sample
 
 
-@cache
+@kept_by("sample")
 def make_shared_sums_kernel(sample: wp.Function, leaf: Leaf, vec_in: type, start: int, format: Format) -> wp.Kernel:
     """The gradients that each block sums by itself first. dim blocks * `SHARED_SUMS_TILE`, which is block_dim."""
     draw, data, dtype = make_draw(sample), data_type(sample), encoded_type(format)

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from warp_neural.kernels.coopvec.memory import make_load, make_store
+from warp_neural.kernels.kept import kept_by
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.encoded_batch import encoded_type
@@ -22,7 +23,7 @@ def make_kernels(
     """One for each pass, with the dims and arguments of `make_gradient_kernel`."""
     kernels = [make_gradient_kernel(spec, schedule, sample, loss, encode, from_encoded)]
     if schedule.lower:
-        kernels.append(make_lower_kernel(spec, schedule, data_type(sample), from_encoded))
+        kernels.append(make_lower_kernel(spec, schedule, sample, from_encoded))
     return kernels
 
 
@@ -65,7 +66,7 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
     return results
 
 
-@cache
+@kept_by("sample")
 def make_gradient_kernel(
     spec: NetworkSpec, schedule: Schedule, sample: wp.Function, loss: Loss, encode=None, from_encoded: bool = False
 ) -> wp.Kernel:

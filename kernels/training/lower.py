@@ -1,21 +1,21 @@
 """The kernel of the lower pass of a fused training step on CUDA: see `Schedule.lower`."""
 
-from functools import cache
-
 import warp as wp
 
 from warp_neural.kernels.coopvec.memory import make_store
+from warp_neural.kernels.kept import kept_by
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.encoded_batch import encoded_type
 from warp_neural.kernels.training.functions import make_lower_functions
 from warp_neural.kernels.training.progress import Progress, batch_of
 from warp_neural.kernels.training.schedule import Schedule
+from warp_neural.kernels.training.taped import data_type
 
 
-@cache
-def make_lower_kernel(spec: NetworkSpec, schedule: Schedule, data: type, from_encoded: bool) -> wp.Kernel:
-    """After `fused.make_gradient_kernel`, with the same dims and arguments. data: their type, which are not read."""
-    lower, encoded_of = schedule.lower, encoded_type(spec.format)
+@kept_by("sample")
+def make_lower_kernel(spec: NetworkSpec, schedule: Schedule, sample: wp.Function, from_encoded: bool) -> wp.Kernel:
+    """After `fused.make_gradient_kernel`, with the same dims and arguments; data are not read."""
+    lower, encoded_of, data = schedule.lower, encoded_type(spec.format), data_type(sample)
     sums_type, store = wp.types.vector(lower.sums, wp.float32), make_store(spec.sizes[0], encoded_of)
     begin, fetch, layers, input_gradient, finish = make_lower_functions(spec, schedule, encoded_of, from_encoded)
     words, lanes, per_round = lower.words, lower.lanes, lower.round_samples

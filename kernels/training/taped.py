@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from warp_neural.kernels.kept import kept_by
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.random import stream
 from warp_neural.kernels.nn.spec import C_TYPES, NetworkSpec, Parameters
@@ -16,7 +17,7 @@ def data_type(sample: wp.Function) -> type:
     return types[2] if len(types) == 3 else int
 
 
-@cache
+@kept_by("sample")
 def make_draw(sample: wp.Function) -> wp.Function:
     """`(progress, step, index, data) -> (x, target)`: one sample of a step, from its own stream of random numbers."""
     data = data_type(sample)
@@ -33,7 +34,7 @@ def make_draw(sample: wp.Function) -> wp.Function:
     return draw
 
 
-@cache
+@kept_by("sample")
 def make_sample_kernel(sample: wp.Function, vec_in: type, n_out: int) -> wp.Kernel:
     """dim (largest batch)."""
     draw, data, vec_out = make_draw(sample), data_type(sample), wp.types.vector(n_out, float)

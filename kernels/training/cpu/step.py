@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from warp_neural.kernels.kept import kept_by
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
 from warp_neural.kernels.training.cpu import backward as cpu_backward
@@ -51,7 +52,7 @@ def make_passes(spec: NetworkSpec, input_gradient: bool):
     return begin, forward, backward, finish
 
 
-@cache
+@kept_by("sample")
 def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, encode=None, encode_adjoint=None):
     """dim 1, on the CPU. sample: `(index, random state, data) -> (x, target)`, or without data.
 
