@@ -11,8 +11,8 @@ import warp_neural as wn
 
 def make_sample(level):
     @wp.func
-    def sample(index: int, random: wp.uint32):
-        u = wp.randf(random)
+    def sample(index: int, random: wn.random.Stream):
+        u = wn.random.uniform(random, 0)[0]
         return wp.vec2(u, 0.5), wp.vec3(level * u)
 
     return sample
