@@ -3,7 +3,9 @@
 import ast
 from pathlib import Path
 
+from warp_neural.cli.ending import ending
 from warp_neural.cli.parsing import program
+from warp_neural.cli.printing import printable
 
 FOLDER = Path(__file__).parent
 
@@ -20,4 +22,6 @@ def listed(name: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    print("\n".join([*listed(program()), "Each tells its options with --help."]))
+    printable()
+    with ending():
+        print("\n".join([*listed(program()), "Each tells its options with --help."]))

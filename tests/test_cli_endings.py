@@ -48,7 +48,7 @@ def ended(capfd, main, config, *args):
 
 
 REFUSED = [
-    (mipmap.Config, "--seed -1", "--seed -1: give 0 to 536870911"),
+    (mipmap.Config, "--seed -1", "--seed -1: give 0 to 4611686018427387903"),
     (mipmap.Config, "--rate nan", "--rate nan: give a number above 0"),
     (mipmap.Config, "--pairs 1000000000000", "--pairs 1000000000000: give 1 to 4096"),
     (mipmap.Config, "--pictures 0", "--pictures 0: give 1 to 4096"),

@@ -23,7 +23,7 @@ def learn_chain(config: MaterialConfig, source: Maps, recipe: Recipe, steps: int
     if source.shape != (size, size) or size & (size - 1):
         raise InputError(
             f"--levels: {source.shape[1]} x {source.shape[0]} has no side that is a power of two, or is no square; "
-            "use --crop 256"
+            f"use --crop {1 << min(source.shape).bit_length() - 1}"
         )
     device = cli.resolve_device(config.device)
     chain = [source]

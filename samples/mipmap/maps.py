@@ -63,9 +63,9 @@ def source_maps(config: MaterialConfig, device: wp.Device) -> tuple[str, Maps]:
     height, width = material.resolution
     if height % config.factor or width % config.factor:
         multiple = min(height, width) // config.factor * config.factor
+        other = f", or --crop {multiple}" if multiple else ""
         raise InputError(
-            f"--factor {config.factor}: does not divide {width} x {height}; choose a factor of 2 or more that does, "
-            f"or --crop {multiple}"
+            f"--factor {config.factor}: does not divide {width} x {height}; choose a factor that does{other}"
         )
     roughness = material.roughness * np.float32(config.roughness_scale)
     specular = np.ones_like(roughness)

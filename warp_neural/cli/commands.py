@@ -11,6 +11,7 @@ import tyro
 import warp as wp
 
 from warp_neural import __version__, cli
+from warp_neural.cli.ending import ending
 from warp_neural.cli.printing import lines_of
 from warp_neural.coopvec.combinations import combination_table, supported_combinations
 from warp_neural.errors import InputError
@@ -140,7 +141,8 @@ class Devices(_Command):
 def main(args: list[str] | None = None) -> None:
     """Entry point of `warp-neural`."""
     if (sys.argv[1:] if args is None else args) == ["--version"]:
-        print(f"warp-neural {__version__}")
+        with ending():
+            print(f"warp-neural {__version__}")
         return
     cli.run(lambda command: command.main(), Info | Convert | Devices, args, prog="warp-neural")
 

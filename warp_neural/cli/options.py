@@ -37,7 +37,7 @@ Count = Annotated[int, Between(1, 10**7)]  # tables of learning rates are as lon
 Samples = Annotated[int, Between(1, 2**26)]
 Positive = Annotated[float, Between(0, 1e6, above=True)]
 Side = Annotated[int, Between(1, 4096)]  # pixels
-Seed = Annotated[int, Between(0, 2**29 - 1)]  # some draw several streams of one, in 31 bits
+Seed = Annotated[int, Between(0, 2**62 - 1)]  # of 64 bits; the mip maps draw four streams of one
 
 
 class Options:
