@@ -3,11 +3,19 @@
 Installed, `python -m warp_neural.samples.SECTION`.
 """
 
+import os
 import signal
 import sys
 
+
+def _stop(*_) -> None:
+    """Until `cli.run`, Ctrl-C ends a command without a traceback."""
+    os.write(2, b"stopped\n")
+    os._exit(130)
+
+
 if sys.argv[:1] == ["-m"]:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # until `cli.run`, Ctrl-C ends a command without a traceback
+    signal.signal(signal.SIGINT, _stop)
 
 from warp_neural.kernels import Alias
 

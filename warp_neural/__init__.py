@@ -1,13 +1,21 @@
 """Warp Neural: neural shading as a Python package on NVIDIA Warp."""
 
+import os
 import signal
 import sys
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
+
+def _stop(*_) -> None:
+    """Until `cli.run`, Ctrl-C ends a command without a traceback."""
+    os.write(2, b"stopped\n")
+    os._exit(130)
+
+
 if any(argument.endswith("warp-neural") or argument.startswith("warp_neural.") for argument in sys.orig_argv[1:3]):
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # a command: until `cli.run`, Ctrl-C ends it without a traceback
+    signal.signal(signal.SIGINT, _stop)
 
 if hasattr(sys, "ps1") and sys.version_info < (3, 13) and "IPython" not in sys.modules:
     print(

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any
 
 import warp as wp
@@ -104,8 +105,8 @@ def _finish(written: Written) -> None:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Ctrl-C raises `KeyboardInterrupt`; until here it ends a command at once."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+    """Ctrl-C raises `KeyboardInterrupt`; until here it ended a command at once."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN and current_thread() is main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
 
