@@ -8,8 +8,8 @@ import reference_networks as reference
 import warp as wp
 
 from warp_neural import MLP
-from warp_neural.kernels.nn.spec import NetworkSpec, select_network
-from warp_neural.nn.mlp import FACTORIES
+from warp_neural.kernels.nn.spec import NetworkSpec, Parameters, select_network
+from warp_neural.nn.functions import FACTORIES
 from warp_neural.nn.state import layers_of
 
 BLOCK = 32  # samples come in whole blocks of one network each, as the tiled version needs
@@ -35,7 +35,7 @@ def make_kernel(spec: NetworkSpec, implementation: str) -> wp.Kernel:
     func, vec_in, vec_out = FACTORIES[implementation](spec), spec.vec_in, spec.vec_out
 
     @wp.kernel(module="unique", module_options={"enable_mathdx_gemm": False})
-    def network_kernel(params: MLP.Params, index: wp.array[int], x: wp.array[vec_in], y: wp.array[vec_out]):
+    def network_kernel(params: Parameters, index: wp.array[int], x: wp.array[vec_in], y: wp.array[vec_out]):
         i = wp.tid()
         y[i] = func(select_network(params, index[i]), x[i])
 
@@ -51,7 +51,7 @@ def evaluate(net: MLP, x: np.ndarray, dy: np.ndarray | None = None, index: np.nd
     y = wp.zeros(len(x), dtype=net.vec_out, device=device, requires_grad=True)
     net.gradient.zero_()
     with wp.Tape() as tape:
-        arguments = [net.params, index, inputs, y]
+        arguments = [net.plain, index, inputs, y]
         wp.launch(make_kernel(net.spec, net.implementation), len(x), arguments, device=device, block_dim=BLOCK)
     if dy is not None:
         y.grad.assign(np.asarray(dy))

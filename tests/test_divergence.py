@@ -8,21 +8,20 @@ from networks import bound, error, evaluate, expected, flat, gradients, random_b
 
 from warp_neural import MLP
 from warp_neural.kernels.nn import activations
-from warp_neural.kernels.nn.spec import select_network
 
 INTERLEAVED = [1, 2, 5, 32]  # networks, dealt to consecutive threads in turn
 
 
 def make_flow_kernel(net, block):
     """A thread in eleven returns at once; more than 256 threads a block need a bound on registers."""
-    func, vec_in, vec_out = net.func, net.vec_in, net.vec_out
+    func, select, vec_in, vec_out = net.func, net.select, net.vec_in, net.vec_out
 
     @wp.kernel(module="unique", launch_bounds=block)
     def kernel(params: net.Params, count: int, x: wp.array[vec_in], y: wp.array[vec_out]):
         i = wp.tid()
         if i % 11 == 10:
             return
-        y[i] = func(select_network(params, i * 7 % count), x[i])
+        y[i] = func(select(params, i * 7 % count), x[i])
 
     return kernel
 

@@ -20,7 +20,7 @@ kernels.training.cpu kernels.training.mma kernels.training.hopper64
 kernels.training.hopper128
 kernels.training
 errors
-io
+config io
 coopvec
 nn
 train autodiff imaging

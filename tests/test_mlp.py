@@ -139,13 +139,13 @@ def test_constant_parameters_take_no_gradient(device):
         net = MLP(5, 3, 17, 1, precision="float32", implementation=implementation, device=device)
         x, dy = samples(32, 5), samples(32, 3, seed=1)
         kernel_inputs = wp.array(x, dtype=net.vec_in, device=device, requires_grad=True)
-        fixed = MLP.Params()
-        fixed.packed, fixed.network = net.packed, 0
+        fixed = net.Params()
+        fixed.assign(net.params)
         fixed.master = wp.array(net.master.numpy(), dtype=float, device=device)
         func, vec_in, vec_out = net.func, net.vec_in, net.vec_out
 
         @wp.kernel(module="unique")
-        def fixed_kernel(params: MLP.Params, x: wp.array[vec_in], y: wp.array[vec_out]):
+        def fixed_kernel(params: net.Params, x: wp.array[vec_in], y: wp.array[vec_out]):
             i = wp.tid()
             y[i] = func(params, x[i])  # noqa: B023
 

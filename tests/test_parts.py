@@ -82,7 +82,7 @@ def check_encoded_batch(encoding, n_in, device, precision="float16", n=333):
     run.progress.batch.fill_(n)
     net.master.assign(rng.normal(size=net.master.size).astype(np.float32))
     exact = x.astype(np.float64), net.master.numpy()[net.encoding_start :].astype(np.float64)
-    inputs = [net.params, launches.data, run.progress, 0]
+    inputs = [net.plain, launches.data, run.progress, 0]
     batch = launches.encoded_batch
     batch.encode(inputs)
     encoded = batch.values.numpy()

@@ -35,16 +35,17 @@ def make_six_kernel(activation: Activation, **options) -> wp.Kernel:
     """For blocks of 256 threads, where the six would need 96 KB if each had memory of its own."""
     nets = make_six(activation, "cpu")
     a, b, c, d, e, f = [net.func for net in nets]
+    P, Q, R, S, T, U = [net.Params for net in nets]
     vec_in, vec_out = nets[0].vec_in, nets[0].vec_out
 
     @wp.kernel(module="unique", module_options={"block_dim": 256, **options})
     def six_kernel(
-        p: Parameters,
-        q: Parameters,
-        r: Parameters,
-        s: Parameters,
-        t: Parameters,
-        u: Parameters,
+        p: P,
+        q: Q,
+        r: R,
+        s: S,
+        t: T,
+        u: U,
         x: wp.array[vec_in],
         y: wp.array2d[vec_out],
     ):

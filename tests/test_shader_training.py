@@ -169,7 +169,7 @@ def test_shader_training(common, tmp_path):
 def test_compiles_for_hopper(tmp_path):
     net = make_net("cpu", seed=0)
     kernels = [
-        make_gradient_kernel(net.spec, make_schedule(net.spec), draw, LOSS, net.encode),
+        make_gradient_kernel(net.spec, make_schedule(net.spec), draw, LOSS, net.plain_encode),
         make_error_kernel(net.func),
     ]
     kernels.append(step_01_simple_inferencing.make_shade_kernel(net.func))

@@ -1,5 +1,10 @@
 """Training by warpgroups on Hopper: gradients of 64 and 128 neurons a layer, in one pass or two."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -15,6 +20,7 @@ from warp_neural.kernels.training.lower import make_lower_kernel
 from warp_neural.kernels.training.rooms import choose_schedule
 from warp_neural.kernels.training.schedule import HOPPER_BYTES
 from warp_neural.train.optim import SGD
+from warp_neural.train.steps import load_for
 
 # width, depth, n_in, n_out, precision, accumulation, hidden activation, samples
 CASES = [
@@ -65,6 +71,26 @@ vec40 = wp.types.vector(40, float)
 @wp.func
 def point(index: int, random: wn.random.Stream):
     return vec40(wn.random.uniform(random, 0)[0]), wp.vec3(0.25)
+
+
+def test_threads_take_turns_with_the_setting_of_the_architecture(monkeypatch):
+    """Each compiles for its own, and what was there before comes back."""
+    seen, begun = {}, Barrier(2)
+
+    def load(module, *_, **options):
+        seen[module] = [wp.config.cuda_arch_suffix]
+        time.sleep(0.05)
+        seen[module].append(wp.config.cuda_arch_suffix)
+
+    def compile_one(suffix):
+        begun.wait()
+        load_for(SimpleNamespace(module=suffix), SimpleNamespace(arch_suffix=suffix, threads=32), None)
+
+    monkeypatch.setattr(wp, "load_module", load)
+    for _ in range(3):
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(compile_one, ["a", "f"]))
+        assert seen == {"a": ["a", "a"], "f": ["f", "f"]} and wp.config.cuda_arch_suffix is None
 
 
 @pytest.mark.parametrize("width, depth", [(64, 3), (128, 2), (128, 3)])

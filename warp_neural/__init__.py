@@ -32,6 +32,7 @@ else:  # a checkout, installed or not: `kernels` and `samples` lie beside this f
     __version__ = tomllib.loads((_folder.parent / "pyproject.toml").read_text("utf-8"))["project"]["version"]
 
 from warp_neural import autodiff, coopvec
+from warp_neural.config import config
 from warp_neural.errors import InputError
 from warp_neural.imaging.density import Density
 from warp_neural.kernels.nn import activations, encodings, losses, random
@@ -53,6 +54,7 @@ __all__ = [
     "Trainer",
     "activations",
     "autodiff",
+    "config",
     "coopvec",
     "encodings",
     "initialization",

@@ -35,4 +35,5 @@ def make_network(spec: NetworkSpec) -> wp.Function:
     def adj_network(params: Parameters, x: vec_in, adj_ret: vec_out):
         wp.adjoint[x] += network_adjoint(params, x, adj_ret, pool())
 
+    network.adjoint = network_adjoint  # for functions around it: their own adjoints would evaluate the network again
     return network

@@ -67,10 +67,11 @@ def can_read_together(spec: NetworkSpec) -> bool:
 @cache
 def make_evaluate_kernel(of_row: wp.Function, vec_out: type) -> wp.Kernel:
     """`y[i] = of_row(params, x, i)` for every row; dim: the rows, rounded up to whole blocks."""
+    params_type = of_row.input_types["params"]
     scalar, store = vec_out._wp_scalar_type_, make_store(vec_out._length_, vec_out._wp_scalar_type_)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"enable_mathdx_gemm": False})
-    def evaluate_kernel(params: Parameters, x: wp.array2d(dtype=scalar), y: wp.array2d(dtype=scalar)):
+    def evaluate_kernel(params: params_type, x: wp.array2d(dtype=scalar), y: wp.array2d(dtype=scalar)):
         i = wp.tid()
         result = of_row(params, x, wp.min(i, x.shape[0] - 1))
         if i < x.shape[0]:

@@ -127,12 +127,15 @@ class Parameters:
 
     packed: weights and biases rounded to the format, in the device's inferencing-optimal layout, all networks.
     master: float32, `NetworkSpec.n_parameters` a network, row major; its `grad` receives the gradient.
-    network: which of the networks in the buffers a thread evaluates; threads of one warp may differ.
+    network: which of the `count` networks in the buffers a thread evaluates; threads of one warp may differ.
+    kind: see `kernels.coopvec.typed`, whose types users have.
     """
 
     packed: wp.array[wp.uint32]
     master: wp.array[float]
     network: int
+    count: int
+    kind: int
 
 
 @wp.func

@@ -12,9 +12,10 @@ from warp_neural.samples.shader_training.disney import draw
 @cache
 def make_error_kernel(func: wp.Function) -> wp.Kernel:
     """dim (samples): errors of `func(params, x)`."""
+    params_type = func.input_types["params"]  # of its shape alone
 
     @wp.kernel(module="unique", enable_backward=False)
-    def error_kernel(params: wn.MLP.Params, seed: wp.uint64, errors: wp.array[float], by_term: wp.array[wp.vec4]):
+    def error_kernel(params: params_type, seed: wp.uint64, errors: wp.array[float], by_term: wp.array[wp.vec4]):
         i = wp.tid()
         x, terms = draw(i, wn.random.stream(seed, 0, i, wn.random.HELD_OUT))
         y = func(params, x)

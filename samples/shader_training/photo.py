@@ -64,9 +64,10 @@ def bilinear(texels: wp.array2d[wp.vec3], uv: wp.vec2) -> wp.vec3:
 @cache
 def make_picture_kernel(func: wp.Function) -> wp.Kernel:
     """dim (height, width): what `func` of a network of 2 inputs and 3 outputs makes of each pixel's centre."""
+    params_type = func.input_types["params"]  # of its shape alone
 
     @wp.kernel(module="unique", enable_backward=False)
-    def picture_kernel(params: wn.MLP.Params, image: wp.array2d[wp.vec3]):
+    def picture_kernel(params: params_type, image: wp.array2d[wp.vec3]):
         i, j = wp.tid()
         uv = wp.vec2((float(j) + 0.5) / float(image.shape[1]), (float(i) + 0.5) / float(image.shape[0]))
         y = func(params, uv)

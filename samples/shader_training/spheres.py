@@ -46,10 +46,11 @@ def shade(terms: wp.vec4, nl: float, surface: Surface) -> wp.vec3:
 @cache
 def make_sphere_kernel(func: wp.Function) -> wp.Kernel:
     """dim (spheres, size, size): analytic and neural pictures, black where there is no light."""
+    params_type = func.input_types["params"]  # of its shape alone
 
     @wp.kernel(module="unique", enable_backward=False)
     def sphere_kernel(
-        params: wn.MLP.Params,
+        params: params_type,
         surface: Surface,
         roughness: wp.array[float],  # [spheres]
         lights: wp.array[wp.vec3],  # unit vectors towards the light

@@ -31,9 +31,11 @@ class Config(LookConfig):
 
 @cache
 def make_shade_kernel(net_func: wp.Function) -> wp.Kernel:
+    params_type = net_func.input_types["params"]  # of its shape alone
+
     @wp.kernel(module="unique", enable_backward=False)
     def shade_kernel(
-        params: wn.MLP.Params, surface: Surface, roughness: float, light: wp.vec3, image: wp.array2d[wp.vec3]
+        params: params_type, surface: Surface, roughness: float, light: wp.vec3, image: wp.array2d[wp.vec3]
     ):
         i, j = wp.tid()
         seen, normal, view = trace(i, j, image.shape[0])

@@ -34,7 +34,7 @@ class Calibration:
         _launch(net, make_take_kernel(x.dtype), h.shape, x, h)
         if net.encoding:
             h, *results = results
-            _launch(net, make_encode_kernel(net.encode), h.shape[:2], net.params, self.h[0], h)
+            _launch(net, make_encode_kernel(net.plain_encode), h.shape[:2], net.plain, self.h[0], h)
         for layer, y in enumerate(results):
             parameters = net.master, spec.n_parameters, spec.offsets[layer], layer
             _launch(net, make_layer_kernel(spec.activation_of(layer)), y.shape, *parameters, h, net.steps, y)

@@ -1,42 +1,32 @@
 """`MLP`: a small fully connected network that any thread of any Warp kernel can call, and the arrays it reads."""
 
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
-from warp_neural.kernels.coopvec.network import make_network
-from warp_neural.kernels.coopvec.rows import (
-    BLOCK,
-    can_read_together,
-    make_evaluate_kernel,
-    make_of_row,
-    make_of_row_together,
-)
+from warp_neural.kernels.coopvec.rows import BLOCK, make_evaluate_kernel
+from warp_neural.kernels.coopvec.typed import kind_of
 from warp_neural.kernels.errors import LARGEST, require_whole
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.encodings import Encoding
-from warp_neural.kernels.nn.encodings.network import make_encoded
-from warp_neural.kernels.nn.mlp import make_mlp, make_tiled_mlp
-from warp_neural.kernels.nn.spec import INT8, Parameters, round_up, select_network
+from warp_neural.kernels.nn.spec import INT8, Parameters, round_up
 from warp_neural.nn.calibration import Calibration, set_weight_steps
+from warp_neural.nn.functions import Functions
 from warp_neural.nn.initial_state import initial_state
 from warp_neural.nn.initialization import xavier_uniform
-from warp_neural.nn.kind import Kind
 from warp_neural.nn.state import NetworkState
 
-FACTORIES = {"cooperative": make_network, "per_thread": make_mlp, "tiled": make_tiled_mlp}
 
-
-class MLP(Kind):
+class MLP(Functions):
     """`count` networks n_in -> [encoding ->] width (`depth` times) -> n_out with one shape, in one pair of buffers.
 
     In a kernel that takes `params: net.Params`, `net.func(params, x)` evaluates network `params.network` for the
-    `net.vec_in` x of the calling thread; `net.select(params, i)` is `params` with another network. Differentiable
+    `net.vec_in` x of the calling thread; `net.select(params, i)` is `params` with another network. With parameters
+    of another shape, or a network that is not there, the result is NaN. Differentiable
     through `wp.Tape`: gradients reach `net.gradient` and x. Not so in a loop that feeds results to its next trip, which
     Warp differentiates wrongly without a word: use `wn.autodiff.loop`, and `wn.autodiff.check` to be sure.
 
@@ -53,8 +43,6 @@ class MLP(Kind):
 
     After the float32 parameters in `master` have changed on the device, call `pack()`.
     """
-
-    Params = Parameters
 
     def __init__(
         self,
@@ -100,8 +88,11 @@ class MLP(Kind):
         self.packed = wp.zeros(self.count * self.words, dtype=wp.uint32, device=device)
         self.table = wp.array(layer_table(spec, device.is_cuda), dtype=int, device=device)
         self.steps = wp.ones((self.count, len(spec.layers), 2), dtype=float, device=device)  # int8: input, weight
-        self.params = Parameters()
-        self.params.packed, self.params.master, self.params.network = self.packed, self.master, 0
+        self.Params = self.params_type()
+        self.params, self.plain = self.Params(), Parameters()
+        for params in (self.params, self.plain):
+            params.packed, params.master, params.network = self.packed, self.master, 0
+            params.count, params.kind = self.count, kind_of(self.Params)
         self.load_state(state)
 
     @property
@@ -138,33 +129,9 @@ class MLP(Kind):
         return f"MLP({self.description}, {self.device.alias})"
 
     @property
-    def vec_in(self) -> type:
-        return wp.types.vector(self.n_in, self.spec.dtype)
-
-    @property
-    def vec_out(self) -> type:
-        return self.spec.vec_out
-
-    @property
     def gradient(self) -> wp.array:
         """Of `master`."""
         return self.master.grad
-
-    @cached_property
-    def func(self) -> wp.Function:
-        """`(params: net.Params, x: net.vec_in) -> net.vec_out`, for any thread of any kernel."""
-        network = FACTORIES[self.implementation](self.spec)
-        return make_encoded(network, self.encode) if self.encoding else network
-
-    @cached_property
-    def encode(self) -> wp.Function:
-        """The encoding alone, `(params, x: net.vec_in) -> vec`."""
-        return self.encoding.make(self.n_in, self.encoding_start)
-
-    @property
-    def select(self) -> wp.Function:
-        """`(params: net.Params, i: int) -> net.Params` with network i selected."""
-        return select_network
 
     def pack(self) -> None:
         """Round `master` into the buffer that `func` reads: a launch, int8 a few, which a CUDA graph can hold."""
@@ -189,15 +156,9 @@ class MLP(Kind):
             here, wanted = f"{x.shape} of {x.dtype.__name__}", f"[n, {self.n_in}] of {dtype.__name__}"
             raise InputError(f"inputs {here} on {x.device.alias}: expected {wanted} on {self.device.alias}")
         y = wp.empty((x.shape[0], self.spec.sizes[-1]), dtype=dtype, device=self.device)
-        kernel, dim = make_evaluate_kernel(self.of_row, self.vec_out), round_up(x.shape[0], BLOCK)
-        wp.launch(kernel, dim, [self.params, x, y], device=self.device, block_dim=BLOCK, record_tape=False)
+        kernel, dim = make_evaluate_kernel(self.plain_of_row, self.vec_out), round_up(x.shape[0], BLOCK)
+        wp.launch(kernel, dim, [self.plain, x, y], device=self.device, block_dim=BLOCK, record_tape=False)
         return y
-
-    @cached_property
-    def of_row(self) -> wp.Function:
-        """`(params: net.Params, x: array2d [rows, n_in], row: int) -> net.vec_out`: `func` of a row. Forward only."""
-        together = self.encoding is None and self.implementation == "cooperative" and can_read_together(self.spec)
-        return make_of_row_together(self.spec, self.func) if together else make_of_row(self.func, self.vec_in)
 
     def to(self, device: wp.DeviceLike) -> "MLP":
         """Move to another device, gradients left behind; returns self."""

@@ -22,7 +22,9 @@ class FusedCpu(Steps):
     ):
         super().__init__(net, optimizer, progress, options, data)
         adjoint = net.encoding and net.encoding.make_adjoint(net.n_in, net.encoding_start)
-        self.kernel = make_cpu_gradient_kernel(net.spec, sample, loss, net.encode if net.encoding else None, adjoint)
+        self.kernel = make_cpu_gradient_kernel(
+            net.spec, sample, loss, net.plain_encode if net.encoding else None, adjoint
+        )
         wp.load_module(self.kernel.module, net.device)
         self.scratch = wp.zeros(areas(net.spec)[1], dtype=float, device=net.device)
         self.x = wp.zeros(CHUNK, dtype=net.vec_in, device=net.device)
@@ -30,5 +32,5 @@ class FusedCpu(Steps):
 
     def gradient(self, micro: int) -> None:
         net, chunk = self.net, [self.scratch, self.x, self.target]
-        inputs = [net.params, self.data, self.progress, micro, self.options.batches, *chunk, net.gradient]
+        inputs = [net.plain, self.data, self.progress, micro, self.options.batches, *chunk, net.gradient]
         wp.launch(self.kernel, 1, inputs, device=net.device, record_tape=False)

@@ -3,6 +3,7 @@
 Both are launches on arrays made beforehand, so that a CUDA graph can hold them.
 """
 
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from warp_neural.nn.mlp import MLP
 from warp_neural.train.encoded_batch import EncodedBatch, launch
 from warp_neural.train.layout import fragment_order, packed_targets
 
+ARCH = Lock()  # of Warp's setting of the process, which no module has for itself: one thread at a time changes it
 CALIBRATION = 256  # samples of a step that set the steps of INT8
 KEEP = 0.99  # of larger steps from the training steps before
 
@@ -77,7 +79,7 @@ class Taped(Steps):
         super().__init__(net, optimizer, progress, options, data)
         spec, device, batch = net.spec, net.device, int(sizes.max())
         self.samples = make_sample_kernel(sample, net.vec_in, spec.sizes[-1])
-        self.loss = make_loss_kernel(net.func, spec, net.vec_in, loss)
+        self.loss = make_loss_kernel(net.plain_func, spec, net.vec_in, loss)
         size = -(-batch // TILE) * TILE
         self.x = wp.zeros(size, dtype=net.vec_in, device=device)
         self.target = wp.zeros(size, dtype=wp.types.vector(spec.sizes[-1], float), device=device)
@@ -109,7 +111,7 @@ class Taped(Steps):
     def gradient(self, micro: int) -> None:
         launch = self.launch
         self.draw(micro)
-        inputs = [self.net.params, self.progress, self.x, self.target, self.losses]
+        inputs = [self.net.plain, self.progress, self.x, self.target, self.losses]
         wp.launch(self.loss, inputs=inputs, **launch)
         wp.launch(collect_kernel, inputs=[self.progress, self.options.batches, self.losses], **launch)
         wp.copy(self.losses.grad, self.seed)
@@ -125,12 +127,13 @@ def schedule_of(net: MLP) -> Schedule | None:
 
 def load_for(kernel: wp.Kernel, schedule: Schedule, device: wp.Device) -> None:
     """Compile and load a kernel of a fused step, for the architecture that it needs."""
-    before = wp.config.cuda_arch_suffix
-    wp.config.cuda_arch_suffix = schedule.arch_suffix or before
-    try:
-        wp.load_module(kernel.module, device, block_dim=schedule.threads)
-    finally:
-        wp.config.cuda_arch_suffix = before
+    with ARCH:
+        before = wp.config.cuda_arch_suffix
+        wp.config.cuda_arch_suffix = schedule.arch_suffix or before
+        try:
+            wp.load_module(kernel.module, device, block_dim=schedule.threads)
+        finally:
+            wp.config.cuda_arch_suffix = before
 
 
 class FusedCuda(Steps):
@@ -145,7 +148,7 @@ class FusedCuda(Steps):
         device, batch = net.device, int(sizes.max())
         self.schedule = schedule = schedule_of(net)
         self.encoded_batch = EncodedBatch(net, sample, batch)
-        encode = net.encode if net.encoding and not self.encoded_batch.used else None
+        encode = net.plain_encode if net.encoding and not self.encoded_batch.used else None
         self.kernels = make_kernels(net.spec, schedule, sample, loss, encode, self.encoded_batch.used)
         for kernel in self.kernels:
             load_for(kernel, schedule, device)
@@ -157,7 +160,7 @@ class FusedCuda(Steps):
         self.target = wp.array(packed_targets(net.spec), dtype=int, device=device)
 
     def gradient(self, micro: int) -> None:
-        inputs, threads = [self.net.params, self.data, self.progress, micro], self.schedule.threads
+        inputs, threads = [self.net.plain, self.data, self.progress, micro], self.schedule.threads
         self.encoded_batch.encode(inputs)
         for kernel in self.kernels:
             arrays = [self.partial, self.encoded_batch.values, self.kept]

@@ -9,10 +9,10 @@ from warp_neural.kernels.nn.spec import Parameters, select_network
 
 @cache
 def make_encoded(network: wp.Function, encode: wp.Function) -> wp.Function:
-    vec_in = encode.input_types["x"]
+    params_type, vec_in = network.input_types["params"], encode.input_types["x"]
 
     @wp.func
-    def encoded(params: Parameters, x: vec_in):
+    def encoded(params: params_type, x: vec_in):
         return network(params, encode(params, x))
 
     return encoded
