@@ -151,5 +151,5 @@ def test_sample(device, tmp_path, capsys):
 
 
 def test_sample_size(tmp_path):
-    with pytest.raises(wn.InputError, match="--size 4: expected 8 to 4096"):
+    with pytest.raises(wn.InputError, match="--size 4: give 8 to 4096"):
         step_05_normals.main(step_05_normals.Config(device="cpu", out=tmp_path, size=4))
