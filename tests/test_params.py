@@ -30,7 +30,7 @@ def make_kernel(net, params_type):
     return kernel
 
 
-def launch(net, params, network, params_type=None):
+def launch(net, params, network, params_type=None, block_dim=256):
     x, y = (
         wp.zeros(len(network), dtype=dtype, device=net.device, requires_grad=True)
         for dtype in (net.vec_in, net.vec_out)
@@ -38,9 +38,8 @@ def launch(net, params, network, params_type=None):
     x.fill_(net.vec_in(0.25))
     network = wp.array(network, dtype=int, device=net.device)
     with wp.Tape() as tape:
-        wp.launch(
-            make_kernel(net, params_type or net.Params), len(network), [params, network, x], [y], device=net.device
-        )
+        kernel = make_kernel(net, params_type or net.Params)
+        wp.launch(kernel, len(network), [params, network, x], [y], device=net.device, block_dim=block_dim)
     net.gradient.zero_()
     y.grad.fill_(net.vec_out(1.0))
     tape.backward()
@@ -74,8 +73,9 @@ def test_a_network_that_is_not_there(device):
     y, dx = launch(net, net.params, network)
     x = np.full((len(network), 2), 0.25, np.float32)
     right = evaluate(net, x, np.ones((len(network), 3), np.float32), np.where(there, network, 0))
-    np.testing.assert_array_equal(y[there], right.y[there])
-    np.testing.assert_array_equal(dx[there], right.dx[there])
+    # on CUDA warps with lanes missing sum in another order, and whole warps round gradients to 16 bits
+    np.testing.assert_allclose(y[there], right.y[there], rtol=0, atol=0 if device.is_cpu else 1e-6)
+    np.testing.assert_allclose(dx[there], right.dx[there], rtol=0, atol=0 if device.is_cpu else 2e-3)
     assert np.isnan(y[~there]).all() and not dx[~there].any()
 
 
@@ -91,7 +91,9 @@ def test_functions_of_rows_and_of_encodings(device):
 
     x, y = wp.array(samples(70, 2), dtype=float, device=device), wp.zeros((70, 2), dtype=float, device=device)
     wp.launch(kernel, 70, [net.params, x], [y], device=device)
-    assert (y.numpy()[:, 0] == net.evaluate(x).numpy()[:, 0]).all() and np.isfinite(y.numpy()).all()
+    bound = 0 if device.is_cpu else 1e-6  # on CUDA the last warp, with lanes missing, sums in another order
+    np.testing.assert_allclose(y.numpy()[:, 0], net.evaluate(x).numpy()[:, 0], rtol=0, atol=bound)
+    assert np.isfinite(y.numpy()).all()
     wp.launch(kernel, 70, [make(device).params, x], [y], device=device)
     assert np.isnan(y.numpy()).all()
 
@@ -135,9 +137,9 @@ def test_verified_launches(device):
 def test_other_implementations(implementation, device):
     net, other = (random_biases(make(device, width=width, implementation=implementation)) for width in (16, 32))
     x = np.full((64, 2), 0.25, np.float32)
-    y, dx = launch(net, net.params, [0] * 64)
+    y, dx = launch(net, net.params, [0] * 64, block_dim=64)  # tiles take whole blocks
     right = evaluate(net, x, np.ones((64, 3), np.float32))
     np.testing.assert_allclose(y, right.y, rtol=1e-5)
     np.testing.assert_allclose(dx, right.dx, rtol=1e-5)
-    y, dx = launch(net, other.params, [0] * 64)
+    y, dx = launch(net, other.params, [0] * 64, block_dim=64)
     assert np.isnan(y).all() and not dx.any()
