@@ -15,17 +15,15 @@ from warp_neural.io.files import check_target
 from warp_neural.kernels.errors import LARGEST, require_whole
 from warp_neural.kernels.nn.losses import Loss, l2
 from warp_neural.kernels.nn.spec import INT8
-from warp_neural.kernels.training.progress import Progress
-from warp_neural.kernels.training.update import Update
 from warp_neural.nn.mlp import MLP
 from warp_neural.train.arguments import batch_sizes, check_arguments, check_data, digest
 from warp_neural.train.checkpoint import load_checkpoint, save_checkpoint
 from warp_neural.train.cpu_steps import FusedCpu
 from warp_neural.train.optim import SGD, Adam
+from warp_neural.train.progress import HISTORY, make_progress, make_update
 from warp_neural.train.sample import explained
 from warp_neural.train.steps import FusedCuda, Taped, schedule_of
 
-HISTORY = 1 << 14  # steps whose loss is kept on the device
 SAVE_SECONDS = 30  # between checkpoints
 CHECK = 32  # steps between looks at the loss; as many are one launch of a CUDA graph
 
@@ -92,8 +90,9 @@ class Trainer:
         self.sizes, self.batches, self.seed, self.index = sizes, batches, seed, 0
         self.loss_function, self.loss_scale = loss, loss_scale
         scale = loss_scale or (128.0 if kind is FusedCuda else 1.0)
-        self.progress = self._progress(scale)
-        self.options = self._options(average, kind is FusedCuda and loss_scale is None)
+        self.progress = make_progress(self.optimizer, sizes, scale, seed)
+        dynamic = kind is FusedCuda and loss_scale is None
+        self.options = make_update(self.optimizer, net.master.size, batches, average, dynamic)
         arguments = (net, self.optimizer, self.progress, self.options, sample, data, loss, self.sizes)
         with explained(sample, net):
             self.launches = kind(*arguments)
@@ -103,24 +102,6 @@ class Trainer:
         batch = " to ".join(map(str, dict.fromkeys((self.batch_of(0), int(self.sizes[-1])))))
         parts = [self.net, self.loss_function.name, self.optimizer, f"batch={batch}", f"step {self.index}"]
         return f"Trainer({', '.join(map(str, parts))}, {'fused' if self.fused else 'taped'})"
-
-    def _progress(self, scale: float) -> Progress:
-        progress, device = Progress(), self.device
-        for name, count in (("counters", 2), ("flags", 2), ("skipped", 2), ("good", 2)):
-            setattr(progress, name, wp.zeros(count, dtype=int, device=device))
-        progress.scale = wp.full(2, scale, dtype=float, device=device)
-        progress.losses = wp.zeros(HISTORY, dtype=float, device=device)
-        progress.batch = wp.array(self.sizes, dtype=int, device=device)
-        progress.rates, progress.seed = self.optimizer.rates, self.seed
-        return progress
-
-    def _options(self, average: float | None, dynamic: bool) -> Update:
-        options = Update()
-        options.settings, options.dynamic, options.batches = self.optimizer.settings, dynamic, self.batches
-        options.first, options.second = self.optimizer.first, self.optimizer.second
-        options.average = wp.zeros(0 if average is None else self.net.master.size, dtype=float, device=self.device)
-        options.decay = average or 0.0
-        return options
 
     def gradient(self) -> np.ndarray:
         """The gradient of the loss of the next step, which is not taken; float32 [net.master.size]."""
