@@ -46,6 +46,14 @@ def launch(net, params, network, params_type=None, block_dim=256):
     return y.numpy(), x.grad.numpy()
 
 
+def disguised(params, net):
+    """Parameters of another network as a launch of `net` takes them."""
+    result = net.Params()
+    for member in net.Params.vars:
+        setattr(result, member, getattr(params, member))
+    return result
+
+
 @pytest.mark.parametrize("options", SHAPES, ids=str)
 def test_each_shape_has_a_type(options):
     first, again, other = make(), make(seed=1), make(**options)
@@ -56,9 +64,10 @@ def test_each_shape_has_a_type(options):
 
 
 @pytest.mark.parametrize("options", SHAPES[:3], ids=str)
-def test_at_a_launch_another_shape_gives_nan_and_reads_nothing(options, device):
+def test_another_shape_gives_nan_and_reads_nothing(options, device):
+    """Where a launch cannot see it."""
     net, other = make(device), make(device, **options)
-    y, dx = launch(net, other.params, [0] * 70)
+    y, dx = launch(net, disguised(other.params, net), [0] * 70)
     assert np.isnan(y).all() and not dx.any() and not net.gradient.numpy().any() and not other.gradient.numpy().any()
     mixed = net.Params()  # nobody's, with arrays that a tape takes
     mixed.packed, mixed.master = net.packed, net.master
@@ -94,7 +103,7 @@ def test_functions_of_rows_and_of_encodings(device):
     bound = 0 if device.is_cpu else 1e-6  # on CUDA the last warp, with lanes missing, sums in another order
     np.testing.assert_allclose(y.numpy()[:, 0], net.evaluate(x).numpy()[:, 0], rtol=0, atol=bound)
     assert np.isfinite(y.numpy()).all()
-    wp.launch(kernel, 70, [make(device).params, x], [y], device=device)
+    wp.launch(kernel, 70, [disguised(make(device).params, net), x], [y], device=device)
     assert np.isnan(y.numpy()).all()
 
 
@@ -112,20 +121,43 @@ def test_parameters_of_ones_own(device):
     np.testing.assert_allclose(y, expected(other, x, np.zeros((32, 3))).y, rtol=1e-5, atol=1e-6)
 
 
-def test_verified_launches(device):
-    """Under `wn.config.verify` a launch looks at its structs; those of the library pass."""
+def test_launches_look_at_parameters(device):
     net, other = make(device), make(device, width=32)
     kernel = make_kernel(net, net.Params)
     network = wp.zeros(32, dtype=int, device=device)
     x, y = (wp.zeros(32, dtype=dtype, device=device) for dtype in (net.vec_in, net.vec_out))
+    for wrong, name in ((other.params, "Params_2_32_3"), (net.plain, ".*Parameters"), (net.master, "array")):
+        with pytest.raises(wn.InputError, match=f"kernel: params is a {name}.*, and the kernel takes a"):
+            wp.launch(kernel, 32, [wrong, network, x, y], device=device)
+    wp.launch(kernel, 32, [net.params, network, x, y], device=device)
+    assert np.isfinite(y.numpy()).all()
+
+
+@wp.struct
+class Pair:
+    a: float
+    b: wp.array[float]
+
+
+@wp.struct
+class Single:
+    a: wp.array[float]
+
+
+@wp.kernel
+def read_pair(pair: Pair, y: wp.array[float]):
+    y[wp.tid()] = pair.a
+
+
+def test_verified_launches(device):
+    """Under `wn.config.verify` a launch looks at all its structs; those of the library pass."""
+    net, y = make(device), wp.zeros(4, dtype=float, device=device)
     assert not wn.config.verify
     wn.config.verify = True
     try:
-        for wrong, name in ((other.params, "Params_2_32_3"), (net.plain, ".*Parameters"), (net.master, "array")):
-            with pytest.raises(wn.InputError, match=f"kernel: params is a {name}.*, and the kernel takes a"):
-                wp.launch(kernel, 32, [wrong, network, x, y], device=device)
-        wp.launch(kernel, 32, [net.params, network, x, y], device=device)
-        assert np.isfinite(y.numpy()).all() and wn.config.verify
+        with pytest.raises(wn.InputError, match=r"read_pair: pair is a .*Single, and the kernel takes a .*Pair"):
+            wp.launch(read_pair, 4, [Single(), y], device=device)
+        wp.launch(read_pair, 4, [Pair(), y], device=device)
         for fused in (None, False):
             wn.Trainer(net, sample=line, batch=64, fused=fused).run(2, quiet=True)
         net.evaluate(samples(5, 2))
@@ -141,5 +173,5 @@ def test_other_implementations(implementation, device):
     right = evaluate(net, x, np.ones((64, 3), np.float32))
     np.testing.assert_allclose(y, right.y, rtol=1e-5)
     np.testing.assert_allclose(dx, right.dx, rtol=1e-5)
-    y, dx = launch(net, other.params, [0] * 64, block_dim=64)
+    y, dx = launch(net, disguised(other.params, net), [0] * 64, block_dim=64)
     assert np.isnan(y).all() and not dx.any()
