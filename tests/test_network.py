@@ -190,7 +190,7 @@ def test_any_control_flow(precision, device):
     index = wp.array(np.arange(n) % 4, dtype=int, device=device)
     y, once = [wp.zeros(n, dtype=vec_out, device=device) for _ in range(2)]
     wp.launch(flow_kernel, n, [net.params, wp.array(kind, dtype=int, device=device), x, y], device=device)
-    wp.launch(plain, n, [net.params, index, x, once], device=device)
+    wp.launch(plain, n, [net.plain, index, x, once], device=device)
     # on CUDA, threads that call alone may add in another order, which may turn a rounding
     limit = 1e-6 if device.is_cpu or precision == "float32" else bound(net)
     assert error(y.numpy(), kind[:, None] * once.numpy()) <= limit
