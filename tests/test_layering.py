@@ -19,6 +19,7 @@ kernels.training.taped
 kernels.training.cpu kernels.training.mma kernels.training.hopper64
 kernels.training.hopper128
 kernels.training
+kernels.texture
 errors
 config io
 coopvec

@@ -1,0 +1,103 @@
+"""What a neural texture consists of: grids of latents, kernels that read them, and a network; sizes only.
+
+Texel (i, j) of mip m reads grid g at cell (i // s, j // s) and the next ones to the right and below, wrapping; each
+channel sums the four latents with weights that depend on the texel's place in its cell, its phase. The channels of all
+grids, and the level of detail where there are mips, enter the network, whose results are the texture's channels.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from warp_neural.kernels.errors import require, require_whole
+
+LARGEST_SIDE = 16384
+LARGEST_CHANNELS = 16
+TAPS = 4  # latents of the cell, of the next to the right, of the next below, of the one right and below
+KERNELS = ("learned", "separable", "bilinear")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One latent vector of `channels` integers for each cell of scale x scale texels.
+
+    kernel: the weights of the four taps, of each channel and phase: all trained ('learned', [channels, scale, scale,
+    4]), products of two trained vectors ('separable', two of [channels, scale, 2]), or `BILINEAR` times those of
+    bilinear interpolation. bits: latents are -(2^(bits-1) - 1) to 2^(bits-1) - 1, with 1 bit -1 and 1.
+    """
+
+    scale: int
+    channels: int
+    kernel: Literal["learned", "separable", "bilinear"] = "learned"
+    bits: int = 8
+
+    def __post_init__(self) -> None:
+        require(self.scale in (1, 2, 4, 8, 16, 32), "Grid: scale", self.scale, "a power of two, 1 to 32")
+        require_whole("Grid: channels", self.channels, 1, 32)
+        require(self.kernel in KERNELS, "Grid: kernel", self.kernel, f"one of {', '.join(KERNELS)}")
+        require_whole("Grid: bits", self.bits, 1, 8)
+
+    @property
+    def limit(self) -> int:
+        """The largest latent."""
+        return max(2 ** (self.bits - 1) - 1, 1)
+
+
+@dataclass(frozen=True)
+class TextureSpec:
+    """height, width: of mip 0, in texels. channels: that the network has as results, 1 to 16. mips: levels that the
+    texture holds, each half as large as the one before, rounded down. grids: from fine to coarse. hidden: neurons of
+    the hidden layers."""
+
+    height: int
+    width: int
+    channels: int
+    mips: int
+    grids: tuple[Grid, ...]
+    hidden: tuple[int, ...] = (64, 64)
+
+    def __post_init__(self) -> None:
+        require_whole("height", self.height, 1, LARGEST_SIDE)
+        require_whole("width", self.width, 1, LARGEST_SIDE)
+        require_whole("channels", self.channels, 1, LARGEST_CHANNELS)
+        require_whole("mips", self.mips, 1, max(self.height, self.width).bit_length())
+        scales = [grid.scale for grid in self.grids]
+        rising = bool(scales) and len(scales) <= 8 and scales == sorted(set(scales))
+        require(rising, "grids: scales", scales, "1 to 8 grids, each coarser than the one before")
+        for width in self.hidden:
+            require_whole("hidden", width, 1, 256)
+        require_whole("hidden layers", len(self.hidden), 1, 8)
+        require_whole("network inputs", self.n_in, 1, 256)
+
+    @property
+    def n_in(self) -> int:
+        """The channels of all grids, and the level of detail if there are mips."""
+        return sum(grid.channels for grid in self.grids) + (self.mips > 1)
+
+    @property
+    def layers(self) -> tuple[tuple[int, int], ...]:
+        """(n_out, n_in) of each layer of the network."""
+        sizes = (self.n_in, *self.hidden, self.channels)
+        return tuple(zip(sizes[1:], sizes[:-1], strict=True))
+
+    def size(self, mip: int) -> tuple[int, int]:
+        """(height, width) of a level, in texels."""
+        return max(self.height >> mip, 1), max(self.width >> mip, 1)
+
+    def cells(self, mip: int, grid: int) -> tuple[int, int]:
+        """(rows, columns) of a grid of a level, whole cells of the coarsest grid, where all grids wrap."""
+        coarsest, scale = self.grids[-1].scale, self.grids[grid].scale
+        rows, columns = (-(-side // coarsest) * coarsest // scale for side in self.size(mip))
+        return rows, columns
+
+    @property
+    def tensors(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of what the decoder has beside latents, by name, in the order of the file."""
+        shapes = {}
+        for g, grid in enumerate(self.grids):
+            if grid.kernel == "learned":
+                shapes[f"kernel_{g}"] = grid.channels, grid.scale, grid.scale, TAPS
+            elif grid.kernel == "separable":
+                shapes |= dict.fromkeys((f"kernel_{g}_y", f"kernel_{g}_x"), (grid.channels, grid.scale, 2))
+        for l, (n_out, n_in) in enumerate(self.layers):
+            shapes |= {f"weights_{l}": (n_out, n_in), f"biases_{l}": (n_out,)}
+        return shapes

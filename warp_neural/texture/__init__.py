@@ -1,0 +1,1 @@
+"""`wn.texture`: textures of a material compressed into latents and one tiny network."""

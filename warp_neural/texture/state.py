@@ -1,0 +1,79 @@
+"""All that makes a neural texture, as data: between training, files and devices."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from warp_neural.errors import InputError
+from warp_neural.kernels.texture.spec import TextureSpec
+
+Kind = Literal["srgb", "linear", "normal", "mask", "hdr"]
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """Parameters in the file: integers times one step."""
+
+    integers: np.ndarray
+    """int32, of the shape in `TextureSpec.tensors`"""
+    step: float
+    """a float16 number"""
+
+    @property
+    def values(self) -> np.ndarray:
+        """float32."""
+        return (self.integers * np.float64(self.step)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Map:
+    """One map of a texture set and what its channels mean; see `warp_neural.texture.maps`.
+
+    kind: srgb, colour as stored, encoded; linear, data; normal, tangent space, stored as (x + 1) / 2; mask, one channel
+    of 0 and 1; hdr, of any positive size, stored as logarithms. low, high: of each channel as stored, which the network
+    has as 0 and 1; where they are equal the channel is constant, exact, and no result of the network.
+    """
+
+    name: str
+    kind: Kind
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    file: str = ""
+    """that it came from"""
+
+    @property
+    def channels(self) -> int:
+        return len(self.low)
+
+    @property
+    def trained(self) -> tuple[int, ...]:
+        """Which channels are results of the network."""
+        return tuple(c for c in range(self.channels) if self.low[c] != self.high[c])
+
+
+@dataclass(frozen=True)
+class TextureState:
+    """latents: int8 [rows, columns, channels] of each mip and grid. tensors: by the names of `TextureSpec.tensors`.
+    maps: in the order of their channels. extra: JSON that stays with the file, such as errors measured."""
+
+    spec: TextureSpec
+    latents: tuple[tuple[np.ndarray, ...], ...]
+    tensors: Mapping[str, Tensor]
+    maps: tuple[Map, ...]
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        spec = self.spec
+        for mip in range(spec.mips):
+            for g, grid in enumerate(spec.grids):
+                latents, shape = self.latents[mip][g], (*spec.cells(mip, g), grid.channels)
+                if latents.shape != shape or latents.dtype != np.int8 or np.abs(latents.astype(int)).max() > grid.limit:
+                    raise InputError(f"latents of mip {mip}, grid {g}: expected int8 {shape} up to {grid.limit}")
+        for name, shape in spec.tensors.items():
+            if name not in self.tensors or self.tensors[name].integers.shape != shape:
+                raise InputError(f"{name}: expected a tensor of shape {shape}")
+        trained = sum(len(each.trained) for each in self.maps)
+        if trained != spec.channels:
+            raise InputError(f"maps: they have {trained} channels that vary, the network has {spec.channels} results")
