@@ -32,8 +32,9 @@ class Map:
     """One map of a texture set and what its channels mean; see `warp_neural.texture.maps`.
 
     kind: srgb, colour as stored, encoded; linear, data; normal, tangent space, stored as (x + 1) / 2; mask, one channel
-    of 0 and 1; hdr, of any positive size, stored as logarithms. low, high: of each channel as stored, which the network
-    has as 0 and 1; where they are equal the channel is constant, exact, and no result of the network.
+    of 0 and 1; hdr, of any positive size, which the network has as logarithms. low, high: of each channel as stored,
+    which the network has as 0 and 1, log2(x + 2^low) of hdr; where they are equal the channel is constant, exact, that
+    value itself (of hdr too), and no result of the network.
     """
 
     name: str
@@ -42,6 +43,8 @@ class Map:
     high: tuple[float, ...]
     file: str = ""
     """that it came from"""
+    bits: int = 8
+    """of a channel of a PNG of it: 8 or 16"""
 
     @property
     def channels(self) -> int:
