@@ -28,6 +28,7 @@ ORIGINS = [
     Origin("Dr.Jit", H200, "cooperative vectors, float16", FIRST),
     Origin("slangpy", H200, "steps through the driver's cooperative vectors; the mip maps' iteration", FIRST),
     Origin("the course", H200, "its own training, an atomic addition a sample and parameter", FIRST),
+    Origin("RTXNTC", "NVIDIA H100 or H200", "100,000 steps a file, PSNR of mip 0", "November 2026", version="0.9.2"),
     Origin("tiny-cuda-nn beside Warp Neural", "NVIDIA H100", "both as CUDA graphs in one run", "November 2026"),
 ]
 
@@ -61,6 +62,13 @@ DRIVER_SHARED = {
 }
 # slangpy, ms of an iteration of the mip maps
 SLANGPY_MIPMAP = {"as the course calls it": 0.203, "in one command buffer": 0.133}
+
+# RTXNTC by material of ambientCG, 1024 x 1024: bits a texel, network included, and PSNR of all channels
+RTXNTC = {
+    "PavingStones070": [(1.26, 26.76), (1.81, 27.80), (3.91, 30.63), (6.81, 33.02)],
+    "Metal053C": [(1.26, 33.27), (1.81, 35.18), (3.91, 40.17), (6.81, 42.66)],
+    "Bricks060": [(1.26, 31.86), (1.81, 32.87), (3.91, 35.86), (6.81, 37.85)],
+}
 
 
 @dataclass(frozen=True)

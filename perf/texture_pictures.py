@@ -1,0 +1,87 @@
+"""Curves of all codecs, and crops of a material's maps side by side."""
+
+import numpy as np
+
+from perf.texture_peers import Coded, Maps
+from perf.texture_points import OURS, RTXNTC, Point, higher_is_better
+
+CROP, ENLARGED = 64, 4  # texels of a crop's side, pixels of a texel's
+LINE = 14  # of text, in pixels
+COLORS = {OURS: "C0", RTXNTC: "C1", "AVIF": "C2", "WebP": "C4", "JPEG": "C5", "BC1 to BC7": "C3", "smaller": "C7"}
+CROPS = [("BC1 to BC7", "BC7, BC4", None), (OURS, None, 1), (OURS, None, 2), (OURS, None, 4)]
+CROPS += [("AVIF", None, bits) for bits in (1, 2, 4)]  # codec, setting or None, about how many bits a texel
+
+
+def curves(points: list[Point], material: str):
+    """A panel for each measure, all codecs over the logarithm of bits; blocks as single points."""
+    from matplotlib.figure import Figure
+
+    measures = list(dict.fromkeys(measure for point in points for measure in point.figures))
+    columns = 4
+    rows = -(-len(measures) // columns)
+    figure = Figure(figsize=(4.5 * columns, 3.4 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes[len(measures) :]:
+        axis.axis("off")
+    for axis, measure in zip(axes, measures, strict=False):
+        panel(axis, points, measure)
+    figure.suptitle(material)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return figure
+
+
+def panel(axis, points: list[Point], measure: str) -> None:
+    points = [point for point in points if measure in point.figures]
+    for codec in dict.fromkeys(point.codec for point in points):
+        shown = sorted((point.bits, point.figures[measure]) for point in points if point.codec == codec)
+        bare = codec.startswith("BC")
+        style = {"linewidth": 2.5 if codec == OURS else 1, "linestyle": "none" if bare else "-"}
+        axis.plot(
+            *zip(*shown, strict=True), "s" if bare else "o", markersize=4, color=COLORS[codec], label=codec, **style
+        )
+    errors = not higher_is_better(measure) and all(point.figures[measure] > 0 for point in points)
+    axis.set(title=measure, xscale="log", xlabel="bits a texel", yscale="log" if errors else "linear")
+    axis.set_xticks([0.25, 0.5, 1, 2, 4, 8, 16, 32], ["¼", "½", "1", "2", "4", "8", "16", "32"])
+    axis.set_xticks([], minor=True)
+    axis.grid(alpha=0.3)
+
+
+def crops(maps: Maps, coded: list[tuple[Coded, Point]]) -> np.ndarray:
+    """The middle of each map, a row each, enlarged: the original, then what CROPS names; uint8 [height, width, 3]."""
+    columns = [("original", maps)]
+    for codec, setting, bits in CROPS:
+        found = [(c, p) for c, p in coded if c.codec == codec and setting in (None, c.setting)]
+        if found:
+            c, p = min(found, key=lambda pair: abs(np.log(pair[1].bits / (bits or 1))))
+            columns.append((f"{setting or codec}, {p.bits:.2f} bits, {p.figures['PSNR']:.1f} dB", c.maps))
+    return np.concatenate([column(title, shown) for title, shown in columns], axis=1)
+
+
+def column(title: str, maps: Maps) -> np.ndarray:
+    from PIL import Image, ImageDraw
+
+    cells = []
+    for pixels in maps.values():
+        top, left = (max(side - CROP, 0) // 2 for side in pixels.shape[:2])
+        cell = np.repeat(pixels[top : top + CROP, left : left + CROP], 3 // pixels.shape[2], axis=2)
+        cells.append(np.pad(cell.repeat(ENLARGED, 0).repeat(ENLARGED, 1), ((0, 2), (0, 2), (0, 0))))
+    heading = Image.new("RGB", (cells[0].shape[1], LINE), "white")
+    ImageDraw.Draw(heading).text((2, 1), title, fill="black")
+    return np.concatenate([np.asarray(heading), *cells])
+
+
+def spheres(pictures: dict[str, np.ndarray]):
+    """Displayed pictures by their titles, on one sheet."""
+    from matplotlib.figure import Figure
+
+    columns = min(len(pictures), 4)
+    rows = -(-len(pictures) // columns)
+    figure = Figure(figsize=(4 * columns, 4.3 * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axis in axes:
+        axis.axis("off")
+    for axis, (title, picture) in zip(axes, pictures.items(), strict=False):
+        axis.imshow(np.clip(picture, 0, 1))
+        axis.set_title(title, fontsize=9)
+    return figure
