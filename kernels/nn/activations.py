@@ -63,6 +63,10 @@ sigmoid = Activation("sigmoid", SIGMOID, f"{SIGMOID} * (1.0f - {SIGMOID})")
 tanh = Activation("tanh", "wp::tanh(z)", "(1.0f - wp::tanh(z) * wp::tanh(z))")
 silu = Activation("silu", f"z * {SIGMOID}", f"{SIGMOID} * (1.0f + z * (1.0f - {SIGMOID}))")
 gelu = Activation("gelu", f"z * {NORMAL_CDF}", f"({NORMAL_CDF} + 0.39894228f * z * wp::exp(-0.5f * z * z))")
+GATE = "(1.0f / (1.0f + wp::exp(-1.5957691f * z * (1.0f + 0.044715f * z * z))))"
+gelu_tanh = Activation(
+    "gelu_tanh", f"z * {GATE}", f"{GATE} * (1.0f + z * (1.0f - {GATE}) * 1.5957691f * (1.0f + 0.134145f * z * z))"
+)  # Hendrycks and Gimpel 2016, section 2, the approximation by a hyperbolic tangent: of few operations
 EXP = "wp::exp(-wp::abs(z))"  # of softplus; where it is small, the logarithm by its series: 1 + 1e-8 is 1
 LOG = f"({EXP} < 1e-3f ? {EXP} * (1.0f - 0.5f * {EXP}) : wp::log(1.0f + {EXP}))"
 softplus = Activation("softplus", f"(z > 0.0f ? z : 0.0f) + {LOG}", SIGMOID)
@@ -77,5 +81,6 @@ squareplus = Activation(
 SAME_SLOPE = (linear, relu, leaky_relu)  # the derivative at f(z) is that at z, so that z need not be kept
 
 ALL = (
-    linear, relu, leaky_relu, exponential, shifted_exponential, sigmoid, tanh, silu, gelu, softplus, sine, squareplus,
+    linear, relu, leaky_relu, exponential, shifted_exponential, sigmoid, tanh, silu, gelu, gelu_tanh, softplus, sine,
+    squareplus,
 )  # fmt: skip

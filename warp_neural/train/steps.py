@@ -139,15 +139,26 @@ def load_for(kernel: wp.Kernel, schedule: Schedule, device: wp.Device) -> None:
 class FusedCuda(Steps):
     """One kernel for samples, forward, loss and the gradients of each block, or one for each of two passes; one for
     their sum and the new parameters. A trainable encoding has kernels of its own before and after.
+
+    encoded_batch: what makes the network's inputs, instead of its encoding.
     """
 
     def __init__(
-        self, net: MLP, optimizer, progress: Progress, options: Update, sample, data: Any, loss: Loss, sizes: np.ndarray
+        self,
+        net: MLP,
+        optimizer,
+        progress: Progress,
+        options: Update,
+        sample,
+        data: Any,
+        loss: Loss,
+        sizes: np.ndarray,
+        encoded_batch: Any = None,
     ):
         super().__init__(net, optimizer, progress, options, data)
         device, batch = net.device, int(sizes.max())
         self.schedule = schedule = schedule_of(net)
-        self.encoded_batch = EncodedBatch(net, sample, batch)
+        self.encoded_batch = encoded_batch or EncodedBatch(net, sample, batch)
         encode = net.plain_encode if net.encoding and not self.encoded_batch.used else None
         self.kernels = make_kernels(net.spec, schedule, sample, loss, encode, self.encoded_batch.used)
         for kernel in self.kernels:

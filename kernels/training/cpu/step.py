@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.kept import kept_by
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.spec import NetworkSpec, Parameters
@@ -53,21 +54,25 @@ def make_passes(spec: NetworkSpec, input_gradient: bool):
 
 
 @kept_by("sample")
-def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss, encode=None, encode_adjoint=None):
+def make_cpu_gradient_kernel(
+    spec: NetworkSpec, sample: wp.Function, loss: Loss, encode=None, encode_adjoint=None, from_encoded: bool = False
+):
     """dim 1, on the CPU. sample: `(index, random state, data) -> (x, target)`, or without data.
 
     Arguments: params; data; progress; micro, which of the `batches` of a step; scratch [cpu.areas(spec)]; xs, targets
     [cpu.CHUNK]; gradient, of all parameters, to which is added: multiplied by `progress.scale`, not divided by the
-    batch. The adjoint of the encoding adds to `params.master.grad`, the same array.
+    batch. The adjoint of the encoding adds to `params.master.grad`, the same array. from_encoded: the network's input
+    is row i of `encoded`, which then holds its gradient.
     """
     n_out, data, draw = spec.sizes[-1], data_type(sample), make_draw(sample)
     vec_in = encode.input_types["x"] if encode else spec.vec_in
-    vec_first = wp.types.vector(spec.sizes[0], wp.float32) if encode else spec.vec_in
+    vec_first = wp.types.vector(spec.sizes[0], wp.float32) if encode or from_encoded else spec.vec_in
     vec_out, value, gradient_of = wp.types.vector(n_out, wp.float32), loss.value(n_out), loss.gradient(n_out)
     trains_encoding, chunk = encode_adjoint is not None, wp.constant(cpu.CHUNK)
     write_input, read_result, write_gradient, read_input_gradient = make_access(spec, vec_first)
-    begin, forward, backward, finish = make_passes(spec, trains_encoding)
+    begin, forward, backward, finish = make_passes(spec, trains_encoding or from_encoded)
     all_finite = make_all_finite(spec.sizes[0])
+    load, store = make_load(spec.sizes[0], wp.float32), make_store(spec.sizes[0], wp.float32)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gradient_kernel(
@@ -80,6 +85,7 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
         xs: wp.array[vec_in],
         targets: wp.array[vec_out],
         gradient: wp.array[float],
+        encoded: wp.array2d[float],
     ):
         step = progress.counters[0]
         progress.counters[1] = step
@@ -93,7 +99,9 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
                 x, target = draw(progress, step, micro * batch + start + i, data)
                 xs[i] = x
                 targets[i] = target
-                if wp.static(encode is not None):
+                if wp.static(from_encoded):
+                    write_input(scratch, i, load(encoded, start + i))
+                elif wp.static(encode is not None):
                     write_input(scratch, i, encode(params, x))
                 else:
                     write_input(scratch, i, x)
@@ -108,6 +116,9 @@ def make_cpu_gradient_kernel(spec: NetworkSpec, sample: wp.Function, loss: Loss,
                     dx = read_input_gradient(scratch, i)
                     encoding_finite = encoding_finite and all_finite(dx)
                     encode_adjoint(params, xs[i], dx)
+            if wp.static(from_encoded):
+                for i in range(count):
+                    store(encoded, start + i, read_input_gradient(scratch, i))
         finite = finish(scratch, gradient)
         if not finite or not encoding_finite or not wp.isfinite(total):
             progress.flags[step % 2] = 1

@@ -1,0 +1,113 @@
+"""A neural texture in any thread of any kernel: the features of a texel, and what the network makes of them."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from warp_neural.kernels.texture.levels import Levels
+from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.taps import make_taps
+
+
+@cache
+def make_params_type(network_type: Any) -> Any:
+    """network: parameters of the texture's network. latents: as `Levels` says. kernels: as `Layout` says."""
+
+    @wp.struct
+    class TextureParams:
+        network: network_type
+        levels: Levels
+        latents: wp.array[wp.int8]
+        kernels: wp.array[float]
+
+    return TextureParams
+
+
+@cache
+def make_add_grid(spec: TextureSpec, g: int, params_type: Any) -> wp.Function:
+    """`(params, i, j, mip, x) -> x` with the grid's channels of texel (row i, column j)."""
+    grid, taps = spec.grids[g], make_taps(spec, g)
+    scale, channels = grid.scale, grid.channels
+    first, vec_in = sum(each.channels for each in spec.grids[:g]), wp.types.vector(spec.n_in, float)
+
+    @wp.func
+    def add_grid(params: params_type, i: int, j: int, mip: int, x: vec_in) -> vec_in:
+        row, column = i / scale, j / scale
+        rows, columns = params.levels.rows[mip, g], params.levels.columns[mip, g]
+        below = wp.where(row + 1 < rows, row + 1, 0)
+        right = wp.where(column + 1 < columns, column + 1, 0)
+        start = params.levels.first[mip, g]
+        a, b = start + (row * columns + column) * channels, start + (row * columns + right) * channels
+        c, d = start + (below * columns + column) * channels, start + (below * columns + right) * channels
+        y = x
+        for k in range(channels):
+            q = wp.vec4(
+                float(params.latents[a + k]),
+                float(params.latents[b + k]),
+                float(params.latents[c + k]),
+                float(params.latents[d + k]),
+            )
+            y[first + k] = wp.dot(taps(params.kernels, k, i - row * scale, j - column * scale), q)
+        return y
+
+    return add_grid
+
+
+@cache
+def make_features(spec: TextureSpec, params_type: Any) -> wp.Function:
+    """`(params, i, j, mip) -> x`, the network's input, for texel (row i, column j) of a level."""
+    vec_in, detail = wp.types.vector(spec.n_in, float), spec.mips > 1
+
+    @wp.func
+    def start(params: params_type, i: int, j: int, mip: int) -> vec_in:
+        x = vec_in()
+        if wp.static(detail):
+            x[wp.static(spec.n_in - 1)] = params.levels.detail[mip]
+        return x
+
+    features = start
+    for g in range(len(spec.grids)):
+        features = _after(features, make_add_grid(spec, g, params_type), params_type, vec_in)
+    return features
+
+
+def _after(before: wp.Function, add: wp.Function, params_type: Any, vec_in: type) -> wp.Function:
+    @wp.func
+    def both(params: params_type, i: int, j: int, mip: int) -> vec_in:
+        return add(params, i, j, mip, before(params, i, j, mip))
+
+    return both
+
+
+@cache
+def make_texel(spec: TextureSpec, network: wp.Function, params_type: Any) -> wp.Function:
+    """`(params, i, j, mip) -> vec [channels]`: the network's results for texel (row i, column j) of a level; both wrap,
+    and the level is the nearest that there is."""
+    features = make_features(spec, params_type)
+    vec_out, last = wp.types.vector(spec.channels, float), spec.mips - 1
+
+    @wp.func
+    def texel(params: params_type, i: int, j: int, mip: int) -> vec_out:
+        level = wp.clamp(mip, 0, last)
+        size = params.levels.sizes[level]
+        row, column = i % size[0], j % size[1]
+        row = wp.where(row < 0, row + size[0], row)
+        column = wp.where(column < 0, column + size[1], column)
+        return network(params.network, features(params, row, column, level))
+
+    return texel
+
+
+@cache
+def make_decode_kernel(texel: wp.Function, params_type: Any) -> wp.Kernel:
+    """Texels from (top, left) on of a level to `values`. dim [height, width]."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def decode_kernel(params: params_type, mip: int, top: int, left: int, values: wp.array3d[float]):
+        i, j = wp.tid()
+        y = texel(params, top + i, left + j, mip)
+        for c in range(values.shape[2]):
+            values[i, j, c] = y[c]
+
+    return decode_kernel

@@ -1,0 +1,75 @@
+"""What a training step launches for the grids: before the network's kernel, after it, and to move the latents."""
+
+from math import ceil
+
+import warp as wp
+
+from warp_neural.kernels.texture.features import (
+    adjoint_rows,
+    make_adjoint_kernel,
+    make_disturb_kernel,
+    make_features_kernel,
+    make_kernel_adjoint_kernel,
+    side,
+)
+from warp_neural.kernels.texture.levels import TILE, TextureData
+from warp_neural.kernels.texture.rate import make_rate_kernel
+from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.update import make_latents_kernel
+from warp_neural.kernels.training.progress import Progress
+
+
+class GridLaunches:
+    """Of one grid. noisy: its latents in the tiles of a step."""
+
+    def __init__(self, spec: TextureSpec, g: int, tiles: int, encoded: wp.array):
+        grid, n, cells = spec.grids[g], side(spec.grids[g].scale), TILE // spec.grids[g].scale
+        self.spec, self.g, self.tiles, self.encoded, self.channels = spec, g, tiles, encoded, grid.channels
+        self.noisy = wp.zeros(tiles * n * n * grid.channels, dtype=float, device=encoded.device)
+        self.cells, self.side, self.scale, self.learns = cells, n, grid.scale, grid.kernel != "bilinear"
+        self.codes = grid.bits > 1
+
+    def encode(self, progress: Progress, data: TextureData) -> None:
+        arguments = [progress, data, self.tiles, self.noisy]
+        groups = ceil(self.channels / 4)
+        self.launch(make_disturb_kernel(self.spec, self.g), (self.side, self.side, groups), arguments)
+        kernel = make_features_kernel(self.spec, self.g, self.encoded.dtype)
+        self.launch(kernel, (TILE, self.cells, self.channels), [*arguments, self.encoded])
+
+    def adjoint(self, progress: Progress, data: TextureData) -> None:
+        which = self.spec, self.g, self.encoded.dtype
+        dim = TILE // adjoint_rows(self.scale), self.cells, self.channels
+        self.launch(make_adjoint_kernel(*which), dim, [progress, data, self.tiles, self.encoded])
+        if self.learns:
+            dim = self.scale, self.scale, self.channels
+            self.launch(make_kernel_adjoint_kernel(*which), dim, [data, self.noisy, self.encoded])
+        if self.codes:
+            dim = self.cells, self.channels
+            self.launch(make_rate_kernel(self.spec, self.g), dim, [progress, data, self.tiles, self.noisy])
+
+    def update(self, progress: Progress, data: TextureData, share: float) -> None:
+        dim = self.side, self.side, self.channels
+        self.launch(make_latents_kernel(self.spec, self.g), dim, [progress, data, self.tiles, share])
+
+    def launch(self, kernel: wp.Kernel, dim: tuple[int, ...], arguments: list) -> None:
+        wp.launch(kernel, (self.tiles, *dim), arguments, device=self.encoded.device, record_tape=False)
+
+
+class TextureBatch:
+    """`values` [texels of a step, n_in]: the network's inputs, after its kernel the gradients to them. Stands in for
+    `warp_neural.train.encoded_batch.EncodedBatch`."""
+
+    used, aside = True, None
+
+    def __init__(self, spec: TextureSpec, tiles: int, device: wp.Device):
+        dtype = wp.float16 if device.is_cuda else wp.float32
+        self.values = wp.zeros((tiles * TILE * TILE, spec.n_in), dtype=dtype, device=device)
+        self.grids = [GridLaunches(spec, g, tiles, self.values) for g in range(len(spec.grids))]
+
+    def encode(self, inputs: list) -> None:
+        for grid in self.grids:
+            grid.encode(inputs[2], inputs[1])
+
+    def adjoint(self, inputs: list) -> None:
+        for grid in self.grids:
+            grid.adjoint(inputs[2], inputs[1])

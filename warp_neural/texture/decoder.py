@@ -1,0 +1,68 @@
+"""`Decoder`: a neural texture's state on a device, for kernels and for whole pictures."""
+
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from warp_neural.errors import InputError
+from warp_neural.kernels.nn.activations import gelu_tanh
+from warp_neural.kernels.texture.layout import Layout
+from warp_neural.kernels.texture.texel import make_decode_kernel, make_params_type, make_texel
+from warp_neural.nn.mlp import MLP
+from warp_neural.texture.levels import make_levels
+from warp_neural.texture.state import TextureState
+
+BLOCK = 256
+
+
+class Decoder:
+    """params: for kernels, of type `Params`. texel: `(params, i, j, mip) -> vector` of the channels that the network
+    has, see `make_texel`."""
+
+    def __init__(self, state: TextureState, device: wp.DeviceLike = None, precision: str = "float16"):
+        self.spec, self.device = state.spec, wp.get_device(device)
+        self.net = make_network(state, self.device, precision)
+        self.Params = make_params_type(self.net.Params)
+        params = self.params = self.Params()
+        params.network, params.levels = self.net.params, make_levels(state.spec, self.device)
+        flat = np.concatenate([grid.ravel() for level in state.latents for grid in level])
+        params.latents = wp.array(flat, dtype=wp.int8, device=self.device)
+        params.kernels = wp.array(kernels_of(state), dtype=float, device=self.device)
+
+    @cached_property
+    def texel(self) -> wp.Function:
+        return make_texel(self.spec, self.net.func, self.Params)
+
+    def decode(self, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> np.ndarray:
+        """The channels of the network, float32 [height, width, channels]. rectangle: left, top, width, height."""
+        if not 0 <= mip < self.spec.mips:
+            raise InputError(f"mip {mip}: the texture has levels 0 to {self.spec.mips - 1}; choose one of these")
+        height, width = self.spec.size(mip)
+        left, top, w, h = rectangle or (0, 0, width, height)
+        if not (0 <= left < left + w <= width and 0 <= top < top + h <= height):
+            raise InputError(f"rectangle {rectangle}: mip {mip} is {width} x {height}; choose one inside")
+        values = wp.empty((h, w, self.spec.channels), dtype=float, device=self.device)
+        kernel = make_decode_kernel(self.texel, self.Params)
+        inputs = [self.params, mip, top, left, values]
+        wp.launch(kernel, (h, w), inputs, device=self.device, block_dim=BLOCK, record_tape=False)
+        return values.numpy()
+
+
+def make_network(state: TextureState, device: wp.Device, precision: str) -> MLP:
+    spec = state.spec
+    width, depth = spec.hidden[0], len(spec.hidden)
+    net = MLP(spec.n_in, spec.channels, width, depth, activation=gelu_tanh, precision=precision, device=device)
+    net.weights = [state.tensors[f"weights_{l}"].values for l in range(len(spec.layers))]
+    net.biases = [state.tensors[f"biases_{l}"].values for l in range(len(spec.layers))]
+    return net
+
+
+def kernels_of(state: TextureState) -> np.ndarray:
+    """In the order of `Layout`, channels last."""
+    layout = Layout(state.spec)
+    flat = np.zeros(layout.size, np.float32)
+    for name, place in layout.places.items():
+        if name in state.tensors:
+            flat[place.start : place.end] = np.moveaxis(state.tensors[name].values, 0, -1).ravel()
+    return flat
