@@ -128,7 +128,7 @@ def test_command(monkeypatch, folder, tmp_path):
     saved = json.loads((tmp_path / "codecs.json").read_text())
     assert [point["setting"] for point in saved["points"]] == ["half", "quarter", "eighth", "0.5"]
     page = (tmp_path / "codecs.md").read_text()
-    assert "| smaller | half | 22.00 |" in page and "## Where we lose" in page
+    assert "| smaller | half | 8.00 |" in page and "## Where we lose" in page
     for name in ("curves", "crops", "sphere"):
         assert load_image(tmp_path / f"{name}.png").std() > 0.05
 
