@@ -1,0 +1,99 @@
+"""The neural texture in PyTorch: its loss against NumPy by the definitions, and the measurement at toy size."""
+
+import numpy as np
+import pytest
+
+from perf import texture_torch
+from warp_neural.errors import InputError
+from warp_neural.kernels.texture.spec import Grid, TextureSpec
+
+GRIDS = (Grid(2, 3), Grid(4, 4), Grid(8, 2, "separable"), Grid(16, 2, "bilinear"))
+SPEC = TextureSpec(64, 96, 5, 1, GRIDS, hidden=(16, 16))
+
+
+@pytest.fixture
+def texture():
+    torch = pytest.importorskip("torch")
+    from perf.texture_torch_model import Texture
+
+    torch.manual_seed(0)
+    values = np.random.default_rng(0).random((64, 96, 5), np.float32)
+    return Texture(SPEC, values, 0.01).double()
+
+
+def features(texture, latents: list[np.ndarray], i: int, j: int) -> np.ndarray:
+    """Of one texel, by the definition."""
+    found = []
+    for g, (grid, q) in enumerate(zip(GRIDS, latents, strict=True)):
+        kernel, s = texture.kernel(g).detach().numpy(), grid.scale
+        taps = [q[(i // s + y) % q.shape[0], (j // s + x) % q.shape[1]] for y in (0, 1) for x in (0, 1)]
+        found += list(sum(kernel[:, i % s, j % s, k] * tap for k, tap in enumerate(taps)))
+    return np.array(found)
+
+
+def test_texels(texture):
+    """Without noise: the mean squared error of a network in NumPy, at a tile that wraps."""
+    import torch
+
+    corners = torch.tensor([[48, 80]])
+    latents = [q.detach().numpy() for q in texture.latents]
+    rows, columns = (48 + np.arange(32)) % 64, (80 + np.arange(32)) % 96
+    x = np.array([features(texture, latents, i, j) for i in rows for j in columns])
+    for k, layer in enumerate(texture.layers):
+        x = x @ layer.weight.detach().numpy().T + layer.bias.detach().numpy()
+        x = 0.5 * x * (1 + np.tanh(np.sqrt(2 / np.pi) * (x + 0.044715 * x**3))) if k < 2 else x
+    target = texture.targets.numpy()[rows[:, None], columns[None]].reshape(-1, 5)
+    noise = [(p - round_patch(texture, corners, g)).abs().max() for g, p in enumerate(texture.patches(corners))]
+    assert all(0.4 < n <= 0.5 for n in noise[:3])
+    patches = [round_patch(texture, corners, g) for g in range(4)]
+    loss = float(texture.loss(patches, texture.target(corners)).detach())
+    bits = float(texture.bits(patches).detach())
+    assert loss == pytest.approx(np.square(x - target).mean() + 0.01 * bits / 1024, rel=1e-5)  # of float32 errors
+
+
+def round_patch(texture, corners, g: int):
+    """A grid's latents of the tiles, without noise."""
+    from perf.texture_torch_model import around
+
+    scale, latents = GRIDS[g].scale, texture.latents[g].detach()
+    rows, columns = around(corners // scale, 32 // scale + 1, latents.shape)
+    return latents[rows, columns]
+
+
+def test_bits():
+    """The masses of all whole numbers add up to 1, also from in between; bits against the difference of the CDF."""
+    torch = pytest.importorskip("torch")
+    from perf.texture_torch_model import FLOOR, laplace_bits
+
+    sigma = torch.tensor([0.05, 0.7, 3.0], dtype=torch.float64)
+    for shift in (0.0, 0.3, 0.5):
+        q = (torch.arange(-60, 61, dtype=torch.float64) + shift)[:, None]
+        mass = 2 ** -laplace_bits(q, sigma) - FLOOR
+        np.testing.assert_allclose(mass.sum(0), 1, atol=1e-7)
+    cdf = lambda x: np.where(x < 0, 0.5 * np.exp(np.minimum(x, 0) / 0.7), 1 - 0.5 * np.exp(-np.maximum(x, 0) / 0.7))  # noqa: E731
+    q = np.linspace(-4, 4, 33)
+    expected = -np.log2(cdf(q + 0.5) - cdf(q - 0.5) + FLOOR)
+    np.testing.assert_allclose(laplace_bits(torch.from_numpy(q), sigma[1]), expected, rtol=1e-12)
+
+
+def test_rate_reaches_latents_and_scales_everywhere(texture):
+    import torch
+
+    corners = torch.tensor([[0, 0], [16, 32]])
+    with torch.no_grad():
+        texture.latents[0][0, 0] = 1e4  # its mass is below the floor, its gradient 0 and not NaN
+    texture.bits([round_patch(texture, corners, g).requires_grad_() for g in range(4)]).backward()
+    assert all(torch.isfinite(s.grad).all() and (s.grad != 0).all() for s in texture.scales)
+
+
+def test_measurement(tmp_path):
+    pytest.importorskip("torch")
+    options = {"side": 64, "tiles": 1, "rounds": 2, "quick": True, "device": "cpu", "json": True}
+    metrics = texture_torch.main(texture_torch.TextureConfig(out=tmp_path, **options))
+    assert metrics["PyTorch eager, float32 / step"] > 0 and metrics["PyTorch eager, bfloat16 / step"] > 0
+
+
+def test_without_pytorch(monkeypatch):
+    monkeypatch.setattr(texture_torch, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="PyTorch: not installed"):
+        texture_torch.main(texture_torch.TextureConfig(device="cpu"))
