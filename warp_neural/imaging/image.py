@@ -19,6 +19,7 @@ __all__ = [
     "load_exr",
     "load_exr_mips",
     "load_image",
+    "load_stored",
     "save_exr",
     "save_exr_mips",
     "save_image",
@@ -68,10 +69,18 @@ def load_image(path: Path | str, *, color_space: ColorSpace | None = None) -> np
     """
     path = Path(path)
     _check_color_space(path, color_space)
+    return np.ascontiguousarray(_to_linear(path, _decode(path, _format_of(path)), color_space))
+
+
+def load_stored(path: Path | str) -> tuple[np.ndarray, int]:
+    """The file's values as they are, no colour converted, and its bits a channel: 8, 16, or 32 for floats.
+
+    Otherwise as `load_image` with "linear".
+    """
+    path = Path(path)
     stored = _decode(path, _format_of(path))
-    if stored.pixels.ndim != 3 or stored.pixels.shape[-1] not in (1, 3, 4):
-        raise InputError(f"{path}: an array of shape {stored.pixels.shape}; save it as grey, RGB or RGBA")
-    return np.ascontiguousarray(_to_linear(path, stored, color_space))
+    bits = 32 if stored.encoding == "linear" else 8 if stored.levels is not None and len(stored.levels) == 256 else 16
+    return np.ascontiguousarray(_to_linear(path, stored, "linear")), bits
 
 
 def displayed_psnr(truth: np.ndarray, picture: np.ndarray) -> float:
@@ -145,7 +154,10 @@ def _decode(path: Path, file_format: str) -> Stored:
     if content != file_format:
         remedy = "rename it" if content else "export or copy it again"
         raise InputError(f"{path}: its content is {content or 'no known image'}, not {file_format}; {remedy}")
-    return _DECODERS[file_format](data, path)
+    stored = _DECODERS[file_format](data, path)
+    if stored.pixels.ndim != 3 or stored.pixels.shape[-1] not in (1, 3, 4):
+        raise InputError(f"{path}: an array of shape {stored.pixels.shape}; save it as grey, RGB or RGBA")
+    return stored
 
 
 def _to_linear(path: Path, stored: Stored, color_space: ColorSpace | None) -> np.ndarray:
