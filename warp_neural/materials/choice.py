@@ -1,12 +1,13 @@
 """Which file of a folder is read for which map, by stated rules, and which pictures are left."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from warp_neural.errors import InputError
 from warp_neural.imaging.image import suffixes
-from warp_neural.materials.naming import WORDS, Name, Part, is_preview, read_name
+from warp_neural.materials.naming import SEPARATOR, WORDS, Name, Part, is_preview, read_name
 
 MAPS = ("albedo", "normal", "roughness", "metalness", "ao", "height", "opacity")
 
@@ -42,12 +43,12 @@ class Choice:
     """names of the pictures that no map is read from, without pictures of the material itself"""
 
 
-def choose_maps(folder: Path | str) -> Choice:
+def choose_maps(folder: Path | str, needed: bool = True) -> Choice:
     """Choose by the files' names. Hidden files, so macOS's `._` companions, are not looked at.
 
     Of several files for one map a file of its own is read before gloss (for roughness) and DirectX's normals, and
     these before a channel of a packed file; of variants, numbered alike, the lowest number. Raises `InputError` if
-    there are still several, for a folder that is missing, and for one without a map.
+    there are still several, for a folder that is missing, and, if one is `needed`, for one without a map.
     """
     folder = Path(folder)
     paths = _pictures(folder)
@@ -63,7 +64,7 @@ def choose_maps(folder: Path | str) -> Choice:
             raise InputError(f"{folder}: {files} could each be the {map_name}; leave one of them")
         if offers:
             maps[map_name] = offers[0]
-    if not maps:
+    if needed and not maps:
         raise InputError(f"{folder}: holds no map{_instead(folder)}; name files {_all_words()}")
     used = {offer.path for offer in maps.values()}
     left = [path for path in paths if path not in used and not _shows_material(path, path in names, used)]
@@ -91,7 +92,8 @@ def _shows_material(path: Path, is_map: bool, used: set[Path]) -> bool:
     """A preview: named so, or as the asset whose name the maps begin with, as ambientCG's."""
     if is_map:
         return False
-    return is_preview(path.stem) or any(other.name.lower().startswith(path.stem.lower()) for other in used)
+    begun = re.compile(re.escape(path.stem.lower()) + SEPARATOR)
+    return is_preview(path.stem) or any(begun.match(other.name.lower()) for other in used)
 
 
 def _instead(folder: Path) -> str:

@@ -61,11 +61,11 @@ WORDS: dict[str, tuple[Part, ...]] = {
 _UNREAL = {"d": WORDS["diff"], "bc": WORDS["diff"], "n": WORDS["nor_dx"], "r": WORDS["rough"], "orm": _ORM}
 """Only after a name that begins with T_: single letters mean nothing elsewhere."""
 
-_SEPARATOR = "[ ._-]"
-_PATTERN = {word: re.compile(rf"(?:^|{_SEPARATOR}){word.replace('_', f'{_SEPARATOR}?')}$") for word in WORDS}
-_SIZE = re.compile(rf"{_SEPARATOR}+(\d+k|\d{{3,5}}(x\d{{3,5}})?|jpe?g|png|exr|tiff?|lod\d)$")
-_WORKFLOW = re.compile(rf"({_SEPARATOR}\d+k){_SEPARATOR}(metalness|specular)$")  # L: Bricks_COL_2K_METALNESS
-_NUMBER = re.compile(rf"{_SEPARATOR}?(?:var)?(\d{{1,2}})$")  # P: col_01, L: COL_VAR1
+SEPARATOR = "[ ._-]"
+_PATTERN = {word: re.compile(rf"(?:^|{SEPARATOR}){word.replace('_', f'{SEPARATOR}?')}$") for word in WORDS}
+_SIZE = re.compile(rf"{SEPARATOR}+(\d+k|\d{{3,5}}(x\d{{3,5}})?|jpe?g|png|exr|tiff?|lod\d)$")
+_WORKFLOW = re.compile(rf"({SEPARATOR}\d+k){SEPARATOR}(metalness|specular)$")  # L: Bricks_COL_2K_METALNESS
+_NUMBER = re.compile(rf"{SEPARATOR}?(?:var)?(\d{{1,2}})$")  # P: col_01, L: COL_VAR1
 _PREVIEW = re.compile(r"(^|[ ._-])(preview|thumb|thumbnail|render|sphere|cover)([ ._-]?\d*)?$")
 
 
