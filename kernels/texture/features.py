@@ -129,22 +129,31 @@ def adjoint_rows(scale: int) -> int:
     return min(scale, ROWS)
 
 
+def kernel_parts(scale: int) -> int:
+    """Of a tile, so that a thread takes at most 16 cells."""
+    cells = TILE // scale
+    return max(cells * cells // 16, 1)
+
+
 @cache
 def make_kernel_adjoint_kernel(spec: TextureSpec, g: int, dtype: type) -> wp.Kernel:
-    """The gradients to `encoded` to those of the grid's kernel. dim [tiles, scale, scale, channels]."""
+    """The gradients to `encoded` to those of the grid's kernel. dim [tiles * parts, scale, scale, channels], where
+    parts is `kernel_parts`, each some rows of cells."""
     grid, places = spec.grids[g], Layout(spec).places
     scale, channels, n, cells = grid.scale, grid.channels, side(grid.scale), TILE // grid.scale
-    first = sum(each.channels for each in spec.grids[:g])
+    first, parts = sum(each.channels for each in spec.grids[:g]), kernel_parts(grid.scale)
     learned = grid.kernel == "learned"
     start = places[f"kernel_{g}" if learned else f"kernel_{g}_y"].start
     start_x = 0 if learned else places[f"kernel_{g}_x"].start
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel_adjoint_kernel(data: TextureData, noisy: wp.array[float], encoded: wp.array2d[dtype]):
-        t, py, px, c = wp.tid()
+        part, py, px, c = wp.tid()
+        t = part / parts
         s = wp.vec4()
-        i = int(0)
-        while i < wp.static(cells * cells):  # not unrolled
+        i = (part - t * parts) * wp.static(cells * cells // parts)
+        end = i + wp.static(cells * cells // parts)
+        while i < end:  # not unrolled
             row = i / cells
             column = i % cells
             at = ((t * n + row) * n + column) * channels + c

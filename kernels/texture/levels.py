@@ -45,6 +45,7 @@ class TextureData:
     latent_rate: wp.array[float]
     noise_until: int
     latents_until: int
+    sums: wp.array2d[wp.vec2]
     bits: wp.array[float]
 
 

@@ -50,10 +50,10 @@ def laplace_bits(q: float, sigma: float) -> wp.vec3:
 
 @cache
 def make_rate_kernel(spec: TextureSpec, g: int) -> wp.Kernel:
-    """Adds to the gradients of latents and of the scales, and to the step's bits. dim [tiles, rows of cells,
-    channels]."""
+    """Adds to the gradient of latents, and to `data.sums` of its tile. dim [tiles, rows of cells, channels]."""
     grid, start = spec.grids[g], Layout(spec).places[f"scale_{g}"].start
     scale, channels, n, cells = grid.scale, grid.channels, side(grid.scale), TILE // grid.scale
+    column_of_sums = start - Layout(spec).kernels_end
 
     @wp.kernel(module="unique", enable_backward=False)
     def rate_kernel(progress: Progress, data: TextureData, tiles: int, noisy: wp.array[float]):
@@ -62,8 +62,7 @@ def make_rate_kernel(spec: TextureSpec, g: int) -> wp.Kernel:
         tile = data.tiles[step * tiles + t]
         first = data.levels.first[tile[0], g] + c
         weight = data.rate_weight[step] * progress.scale[step % 2]
-        parameter = data.kernels[start + c]
-        sigma = sigma_of(parameter)
+        sigma = sigma_of(data.kernels[start + c])
         bits, in_sigma = float(0.0), float(0.0)
         for column in range(cells):
             rate = laplace_bits(noisy[((t * n + row) * n + column) * channels + c], sigma)
@@ -72,8 +71,6 @@ def make_rate_kernel(spec: TextureSpec, g: int) -> wp.Kernel:
             if step < data.latents_until:
                 cell = cell_of(data.levels, tile, g, scale, row, column)
                 wp.atomic_add(data.gradient, first + cell * channels, weight * rate[1])
-        # softplus' derivative
-        wp.atomic_add(data.kernels_gradient, start + c, weight * in_sigma / (1.0 + wp.exp(-parameter)))
-        wp.atomic_add(data.bits, step % data.bits.shape[0], bits)
+        wp.atomic_add(data.sums, t, column_of_sums + c, wp.vec2(weight * in_sigma, bits))
 
     return rate_kernel

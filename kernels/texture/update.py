@@ -65,6 +65,13 @@ def kernels_kernel(
     data.kernels_gradient[i] = 0.0
     if i == 0:
         data.bits[(step + 1) % data.bits.shape[0]] = 0.0
+    if i >= kernels_end:
+        total = wp.vec2()
+        for t in range(data.sums.shape[0]):
+            total += data.sums[t, i - kernels_end]
+            data.sums[t, i - kernels_end] = wp.vec2()
+        gradient = total[0] / (1.0 + wp.exp(-values[i]))  # softplus' derivative
+        wp.atomic_add(data.bits, step % data.bits.shape[0], total[1])
     if progress.flags[parity] == 0 and (i < kernels_end or step < data.latents_until):
         rate = wp.where(i < kernels_end, rate_of(progress, step), SCALE_RATE)
         state = wp.vec3(values[i], first[i], second[i])

@@ -18,10 +18,16 @@ from warp_neural.kernels.training.taped import data_type, make_draw
 
 
 def make_kernels(
-    spec: NetworkSpec, schedule: Schedule, sample: wp.Function, loss: Loss, encode=None, from_encoded: bool = False
+    spec: NetworkSpec,
+    schedule: Schedule,
+    sample: wp.Function,
+    loss: Loss,
+    encode=None,
+    from_encoded: bool = False,
+    fast_math: bool = False,
 ) -> list[wp.Kernel]:
     """One for each pass, with the dims and arguments of `make_gradient_kernel`."""
-    kernels = [make_gradient_kernel(spec, schedule, sample, loss, encode, from_encoded)]
+    kernels = [make_gradient_kernel(spec, schedule, sample, loss, encode, from_encoded, fast_math)]
     if schedule.lower:
         kernels.append(make_lower_kernel(spec, schedule, sample, from_encoded))
     return kernels
@@ -68,7 +74,13 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
 
 @kept_by("sample")
 def make_gradient_kernel(
-    spec: NetworkSpec, schedule: Schedule, sample: wp.Function, loss: Loss, encode=None, from_encoded: bool = False
+    spec: NetworkSpec,
+    schedule: Schedule,
+    sample: wp.Function,
+    loss: Loss,
+    encode=None,
+    from_encoded: bool = False,
+    fast_math: bool = False,
 ) -> wp.Kernel:
     """The fused kernel for CUDA: dim blocks * schedule.threads, block_dim schedule.threads.
 
@@ -77,6 +89,7 @@ def make_gradient_kernel(
     every block's sums. Gradients are not yet divided by the batch, and multiplied by `progress.scale`.
 
     encode: an encoding without parameters. from_encoded: x is row i of `encoded`, which then holds its gradient.
+    fast_math: exponentials and quotients of a few operations, with errors of a few units in the last place.
     kept: what a lower pass needs [schedule.kept_units].
     """
     draw, data, encoded_of = make_draw(sample), data_type(sample), encoded_type(spec.format)
@@ -88,7 +101,9 @@ def make_gradient_kernel(
     input, results = make_input(encode, vec_in, from_encoded), make_results(spec, loss)
     words, per_round, store = schedule.words, schedule.round_samples, make_store(spec.sizes[0], encoded_of)
 
-    @wp.kernel(module="unique", enable_backward=False, launch_bounds=schedule.threads)
+    options = {"fast_math": fast_math}
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=schedule.threads, module_options=options)
     def gradient_kernel(
         params: Parameters,
         data: data,

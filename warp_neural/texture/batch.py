@@ -1,11 +1,13 @@
 """What a training step launches for the grids: before the network's kernel, after it, and to move the latents."""
 
+from collections.abc import Callable
 from math import ceil
 
 import warp as wp
 
 from warp_neural.kernels.texture.features import (
     adjoint_rows,
+    kernel_parts,
     make_adjoint_kernel,
     make_disturb_kernel,
     make_features_kernel,
@@ -41,11 +43,15 @@ class GridLaunches:
         dim = TILE // adjoint_rows(self.scale), self.cells, self.channels
         self.launch(make_adjoint_kernel(*which), dim, [progress, data, self.tiles, self.encoded])
         if self.learns:
-            dim = self.scale, self.scale, self.channels
-            self.launch(make_kernel_adjoint_kernel(*which), dim, [data, self.noisy, self.encoded])
+            parts = self.tiles * kernel_parts(self.scale)
+            dim = parts, self.scale, self.scale, self.channels
+            kernel = make_kernel_adjoint_kernel(*which)
+            wp.launch(kernel, dim, [data, self.noisy, self.encoded], device=self.encoded.device, record_tape=False)
+
+    def rate(self, progress: Progress, data: TextureData) -> None:
         if self.codes:
-            dim = self.cells, self.channels
-            self.launch(make_rate_kernel(self.spec, self.g), dim, [progress, data, self.tiles, self.noisy])
+            arguments = [progress, data, self.tiles, self.noisy]
+            self.launch(make_rate_kernel(self.spec, self.g), (self.cells, self.channels), arguments)
 
     def update(self, progress: Progress, data: TextureData, share: float) -> None:
         dim = self.side, self.side, self.channels
@@ -65,11 +71,23 @@ class TextureBatch:
         dtype = wp.float16 if device.is_cuda else wp.float32
         self.values = wp.zeros((tiles * TILE * TILE, spec.n_in), dtype=dtype, device=device)
         self.grids = [GridLaunches(spec, g, tiles, self.values) for g in range(len(spec.grids))]
+        self.streams = [wp.Stream(device) if device.is_cuda else None for _ in self.grids]
 
     def encode(self, inputs: list) -> None:
-        for grid in self.grids:
-            grid.encode(inputs[2], inputs[1])
+        progress, data = inputs[2], inputs[1]
+        self.side_by_side(lambda grid: grid.encode(progress, data))
 
     def adjoint(self, inputs: list) -> None:
-        for grid in self.grids:
-            grid.adjoint(inputs[2], inputs[1])
+        progress, data = inputs[2], inputs[1]
+        self.side_by_side(lambda grid: (grid.adjoint(progress, data), grid.rate(progress, data)))
+
+    def update(self, progress: Progress, data: TextureData, share: float) -> None:
+        self.side_by_side(lambda grid: grid.update(progress, data, share))
+
+    def side_by_side(self, launch: Callable[[GridLaunches], None]) -> None:
+        """For each grid, on a stream of its own: each alone leaves most of the device idle."""
+        for grid, stream in zip(self.grids, self.streams, strict=True):
+            with wp.ScopedStream(stream):
+                launch(grid)
+        for stream in filter(None, self.streams):
+            stream.device.stream.wait_stream(stream)

@@ -106,6 +106,8 @@ class TextureTrainer:
         data.rate_weight = wp.array(rate_weight * schedule.rate, dtype=float, device=device)
         data.latent_rate = wp.array(latent_rate * schedule.latents, dtype=float, device=device)
         data.noise_until, data.latents_until = schedule.noise_until, schedule.latents_until
+        channels = sum(grid.channels for grid in spec.grids)
+        data.sums = wp.zeros((self.tiles, channels), dtype=wp.vec2, device=device)
         data.bits = wp.zeros(HISTORY, dtype=float, device=device)
         return data
 
@@ -158,9 +160,7 @@ class TextureTrainer:
         wp.launch(kernels_kernel, self.layout.size, arguments, device=self.device, record_tape=False)
         if alone:
             self._pack_rounded()
-        share = self.tiles / all_tiles(self.spec)
-        for grid in self.batch.grids:
-            grid.update(self.progress, self.data, share)
+        self.batch.update(self.progress, self.data, self.tiles / all_tiles(self.spec))
 
     def _pack_rounded(self) -> None:
         """The network's weights as the file will have them, to what its kernels read."""

@@ -160,7 +160,8 @@ class FusedCuda(Steps):
         self.schedule = schedule = schedule_of(net)
         self.encoded_batch = encoded_batch or EncodedBatch(net, sample, batch)
         encode = net.plain_encode if net.encoding and not self.encoded_batch.used else None
-        self.kernels = make_kernels(net.spec, schedule, sample, loss, encode, self.encoded_batch.used)
+        used, fast_math = self.encoded_batch.used, encoded_batch is not None
+        self.kernels = make_kernels(net.spec, schedule, sample, loss, encode, used, fast_math)
         for kernel in self.kernels:
             load_for(kernel, schedule, device)
         self.update_kernel = make_fused_update_kernel(optimizer.update, net.spec, schedule)
