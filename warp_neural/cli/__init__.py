@@ -14,6 +14,7 @@ import warp as wp
 
 from warp_neural.cli.ending import StoppedError, check_cache, ending
 from warp_neural.cli.options import (
+    FOLDER,
     Between,
     CommonConfig,
     Count,
@@ -26,7 +27,7 @@ from warp_neural.cli.options import (
 )
 from warp_neural.cli.parsing import again, parse
 from warp_neural.cli.printing import lines_of, lines_of_files, printable, progress
-from warp_neural.cli.training import FOLDER, check_resume, train
+from warp_neural.cli.training import check_resume, train
 from warp_neural.io.files import Written, check_target, recording, remove_empty
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The command `warp-neural`: describe network files, convert them, list devices."""
+"""The command `warp-neural`: describe files, convert networks, compress textures, list devices."""
 
 import json
 import sys
@@ -13,6 +13,7 @@ import warp as wp
 from warp_neural import __version__, cli
 from warp_neural.cli.ending import ending
 from warp_neural.cli.printing import lines_of
+from warp_neural.cli.texture_commands import Compress, Decompress, describe_file
 from warp_neural.coopvec.combinations import combination_table, supported_combinations
 from warp_neural.errors import InputError
 from warp_neural.io.rtxns import RtxnsNetwork
@@ -36,12 +37,14 @@ class _Command:
 
 @dataclass(frozen=True, kw_only=True)
 class Info(_Command):
-    """Describe a network (safetensors, or RTXNS's binary or JSON) or a checkpoint."""
+    """Describe a network (safetensors, or RTXNS's binary or JSON), a checkpoint or a neural texture (.wntc)."""
 
     file: tyro.conf.Positional[Path]
     """of any of these forms, recognised by its content"""
 
     def main(self) -> dict:
+        if self.file.suffix.lower() == ".wntc":
+            return describe_file(self.file)
         form = Form.of_file(self.file)
         if form is not Form.SAFETENSORS:
             network = read_rtxns(self.file)
@@ -144,7 +147,7 @@ def main(args: list[str] | None = None) -> None:
         with ending():
             print(f"warp-neural {__version__}")
         return
-    cli.run(lambda command: command.main(), Info | Convert | Devices, args, prog="warp-neural")
+    cli.run(lambda command: command.main(), Info | Compress | Decompress | Convert | Devices, args, prog="warp-neural")
 
 
 def _describe(state: NetworkState) -> dict:

@@ -37,6 +37,7 @@ Count = Annotated[int, Between(1, 10**7)]  # tables of learning rates are as lon
 Samples = Annotated[int, Between(1, 2**26)]
 Positive = Annotated[float, Between(0, 1e6, above=True)]
 Side = Annotated[int, Between(1, 4096)]  # pixels
+FOLDER = "checkpoints"  # beside what a command makes, while it runs and after it was stopped
 Seed = Annotated[int, Between(0, 2**62 - 1)]  # of 64 bits; the mip maps draw four streams of one
 
 
@@ -79,6 +80,10 @@ class TrainingConfig(CommonConfig):
 
     resume: bool = False
     """go on from the checkpoints that a stopped run has left in --out"""
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.out / FOLDER
 
 
 def resolve_device(name: str) -> wp.Device:

@@ -1,7 +1,7 @@
 """Training that can be stopped and gone on with: what commands wrap around `Trainer.run`."""
 
 import time
-from pathlib import Path
+from typing import Any
 
 import warp as wp
 
@@ -9,15 +9,13 @@ from warp_neural.cli.options import TrainingConfig
 from warp_neural.errors import InputError
 from warp_neural.train.trainer import Trainer
 
-FOLDER = "checkpoints"  # in --out, while a command runs and after it was stopped
-
 
 def train(trainer: Trainer, steps: int, config: TrainingConfig, name: str = "network") -> float:
     """`trainer.run` up to step `steps`, with a bar; returns the seconds but for the first step, which compiles.
 
     The checkpoint `name` is written every 30 seconds, at the end, and on Ctrl-C; with `--resume` it goes on from there.
     """
-    path = folder(config) / f"{name}.safetensors"
+    path = config.checkpoints / f"{name}.safetensors"
     if config.resume and path.is_file():
         trainer.load(path)
     try:
@@ -31,10 +29,7 @@ def train(trainer: Trainer, steps: int, config: TrainingConfig, name: str = "net
     return time.perf_counter() - began
 
 
-def folder(config: TrainingConfig) -> Path:
-    return config.out / FOLDER
-
-
-def check_resume(config: TrainingConfig) -> None:
-    if getattr(config, "resume", False) and not any(folder(config).glob("*.safetensors")):
-        raise InputError(f"--resume: {config.out} has no checkpoints of a run that was stopped; leave it out")
+def check_resume(config: Any) -> None:
+    if getattr(config, "resume", False) and not any(config.checkpoints.glob("*.safetensors")):
+        folder = config.checkpoints.parent
+        raise InputError(f"--resume: {folder} has no checkpoints of a run that was stopped; leave it out")

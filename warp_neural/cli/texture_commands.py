@@ -1,0 +1,196 @@
+"""`warp-neural compress` and `decompress`: from a folder of pictures to a neural texture's file, and back."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from warp_neural.cli.options import FOLDER, Between, Options, Seed, resolve_device
+from warp_neural.cli.quantities import bytes_of, level_of, names_of, rectangle_of, sides_of, weights_of
+from warp_neural.errors import InputError
+from warp_neural.io.files import check_target
+from warp_neural.texture.maps import TextureSet, load_set
+from warp_neural.texture.save import save_dds_maps, save_maps
+from warp_neural.texture.state import Map, TextureState
+
+Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compress(Options):
+    """Compress a material's maps, or any pictures of one size, into one small neural texture.
+
+    Of --bpp, --psnr, --size and --quality at most one; without any, the quality is medium.
+    """
+
+    source: tyro.conf.Positional[Path]
+    """folder of pictures, or of folders level_0, level_1, ... that hold the mip levels; or one picture"""
+    out: Out
+    """file to write, .wntc"""
+    bpp: Annotated[float | None, Between(0, 64, above=True)] = None
+    """bits a texel of mip 0 that the file should have, everything counted"""
+    psnr: Annotated[float | None, Between(10, 80)] = None
+    """dB that mip 0 should reach, all channels together"""
+    size: str | None = None
+    """of the file, such as 400kB or 400KiB"""
+    quality: Literal["low", "medium", "high"] | None = None
+    """at whatever size it takes"""
+    preview: bool = False
+    """a fast, rougher result"""
+    maps: str | None = None
+    """names of those to take, as in albedo,normal; all by default"""
+    weights: str | None = None
+    """what errors count, by map, as in albedo=2,normal=1; 1 by default"""
+    resize: str | None = None
+    """scale all pictures, to a size as in 1024x512 or to that of the largest"""
+    mips: str | None = None
+    """mip levels in the file, or all; by default those that the source has"""
+    resume: bool = False
+    """go on from the checkpoint that a stopped run has left beside --out"""
+    device: str = "auto"
+    """auto (CUDA when present), cpu, cuda or cuda:N"""
+    seed: Seed = 0
+    """of every random draw; the same seed gives the same file on one device"""
+    json: bool = False
+    """print nothing but one JSON object, as the last line on stdout"""
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.out.parent / FOLDER
+
+    def main(self) -> dict:
+        from warp_neural import texture  # reads much that the other commands do without
+
+        goals = self._goals()
+        device = resolve_device(self.device)
+        resize = sides_of("--resize", self.resize) if self.resize else None
+        check_target(self.out)
+        texture_set = load_set(self.source, maps=names_of(self.maps), resize=resize)
+        weights = weights_of("--weights", self.weights, [each.name for each in texture_set.maps])
+        options = {"mips": self._mips(texture_set), "weights": weights, "device": device, "seed": self.seed}
+        result = texture.compress(
+            texture_set, **goals, preview=self.preview, checkpoint=self._checkpoint(), quiet=self.json, **options
+        )
+        parts = result.save(self.out)
+        described = describe_texture(result.state, parts, result.metrics)
+        return {"written": str(self.out), **described, "left_out": list(texture_set.unused)}
+
+    def _goals(self) -> dict[str, Any]:
+        goals = {name: getattr(self, name) for name in ("bpp", "psnr", "size", "quality")}
+        given = [f"--{name}" for name, value in goals.items() if value is not None]
+        if len(given) > 1:
+            raise InputError(f"{' and '.join(given)}: each chooses how good and how large it is; give one of them")
+        return goals | {"size": bytes_of("--size", self.size) if self.size is not None else None}
+
+    def _mips(self, texture_set: TextureSet) -> int:
+        most = max(texture_set.size).bit_length()
+        if self.mips is None:
+            return min(len(texture_set.levels), most)
+        if self.mips == "all":
+            return most
+        if not self.mips.isdecimal() or len(self.mips) > 4 or not 1 <= int(self.mips) <= most:
+            height, width = texture_set.size
+            raise InputError(f"--mips {self.mips}: {width} x {height} texels have 1 to {most} levels; give that or all")
+        return int(self.mips)
+
+    def _checkpoint(self) -> Path:
+        path = self.checkpoints / f"{self.out.name}.safetensors"
+        if self.resume and not path.is_file():
+            raise InputError(f"--resume: there is no {path} of a run that was stopped; leave it out")
+        if not self.resume:
+            path.unlink(missing_ok=True)  # of an earlier run, which might be taken for this one's
+        return path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decompress(Options):
+    """Write a neural texture's maps as pictures: PNG, EXR where values go beyond 0 to 1, or DDS."""
+
+    file: tyro.conf.Positional[Path]
+    """.wntc"""
+    out: Out
+    """folder for the pictures; of all mip levels, for folders level_0, level_1, ..."""
+    mip: str = "0"
+    """the level to write, or all"""
+    maps: str | None = None
+    """names of those to write, as in albedo,normal; all by default"""
+    dds: bool = False
+    """DDS, with the level and all smaller ones in it: BC7 colours, BC5 normals, BC4 for one channel, halves for HDR"""
+    bc1: bool = False
+    """with --dds, colours in BC1, and BC3 with alpha"""
+    exr: bool = False
+    """EXR for all maps, colours as linear light"""
+    rectangle: str | None = None
+    """X,Y,W,H: only these texels of the level"""
+    device: str = "auto"
+    """auto (CUDA when present), cpu, cuda or cuda:N"""
+    json: bool = False
+    """print nothing but one JSON object, as the last line on stdout"""
+
+    def main(self) -> dict:
+        from warp_neural import texture
+
+        if (self.dds and self.exr) or (self.bc1 and not self.dds):
+            raise InputError("--dds, --exr, --bc1: give --dds or --exr, and --bc1 only with --dds")
+        loaded = texture.load(self.file, resolve_device(self.device))
+        spec, maps = loaded.state.spec, self._chosen(loaded.state.maps)
+        mip = level_of("--mip", self.mip, spec.mips)
+        if mip == "all" and self.rectangle is not None:
+            raise InputError("--rectangle: lies in one mip level; leave --mip all out")
+        first = 0 if mip == "all" else mip
+        rectangle = rectangle_of("--rectangle", self.rectangle, spec.size(first))
+        several = mip == "all" or (self.dds and rectangle is None)
+        levels = range(first, spec.mips if several else first + 1)
+        decoded = [loaded.decode(mip=level, rectangle=rectangle) for level in levels]
+        if self.dds:
+            paths = save_dds_maps(self.out, decoded, maps, bc1=self.bc1)
+        else:
+            folders = [self.out / f"level_{level}" if mip == "all" else self.out for level in levels]
+            pairs = zip(folders, decoded, strict=True)
+            paths = [path for folder, arrays in pairs for path in save_maps(folder, arrays, maps, exr=self.exr)]
+        height, width = next(iter(decoded[0].values())).shape[:2]
+        return {"width": width, "height": height, "written": [str(path) for path in paths]}
+
+    def _chosen(self, maps: tuple[Map, ...]) -> list[Map]:
+        names = names_of(self.maps)
+        for name in names or ():
+            if name not in (each.name for each in maps):
+                raise InputError(f"--maps {name}: {self.file} holds {', '.join(each.name for each in maps)}")
+        if names == ():
+            raise InputError(f"--maps: give some of {', '.join(each.name for each in maps)}")
+        return [each for each in maps if names is None or each.name in names]
+
+
+def describe_file(path: Path) -> dict:
+    from warp_neural import texture
+
+    loaded = texture.load(path, "cpu")
+    return {"format": "wntc", **describe_texture(loaded.state, {"file": path.stat().st_size}, loaded.metrics)}
+
+
+def describe_texture(state: TextureState, parts: dict[str, int], metrics: dict) -> dict:
+    """Of a neural texture in a file: parts, its bytes by part; metrics, what was measured when it was made."""
+    spec, texels = state.spec, state.spec.height * state.spec.width
+    total = sum(parts.values())
+    bits = {name: 8 * count / texels for name, count in parts.items()}
+    return {
+        "width": spec.width,
+        "height": spec.height,
+        "mips": spec.mips,
+        "bytes": total,
+        "bits_per_texel": 8 * total / texels,
+        "bits_per_texel_of": bits,
+        "grids": [vars(grid) for grid in spec.grids],
+        "hidden": list(spec.hidden),
+        "maps": [_describe_map(each) for each in state.maps],
+        "metrics": metrics,
+    }
+
+
+def _describe_map(each: Map) -> dict:
+    constant = [each.low[c] for c in range(each.channels) if c not in each.trained]
+    spread = [np.float32(ends).item() for ends in (min(each.low), max(each.high))]
+    row = {"map": each.name, "kind": each.kind, "channels": each.channels, "constant": constant, "range": spread}
+    return row | {"bits": each.bits, "file": each.file or "none"}
