@@ -24,18 +24,11 @@ def normal_cdf(z):
     return (1 + erf(z / np.sqrt(2))) / 2
 
 
-def gate(z):
-    return np.sqrt(8 / np.pi) * z * (1 + 0.044715 * z**2)
-
-
-def gelu_tanh_slope(z):
-    return sigmoid(gate(z)) + z * sigmoid(gate(z)) * sigmoid(-gate(z)) * np.sqrt(8 / np.pi) * (1 + 0.134145 * z**2)
-
-
 ACTIVATIONS = {
     "linear": Activation(lambda z: z, np.ones_like),
     "relu": Activation(lambda z: np.maximum(z, 0), lambda z: np.where(z > 0, 1, 0)),
     "leaky_relu": Activation(lambda z: np.where(z > 0, z, 0.01 * z), lambda z: np.where(z > 0, 1, 0.01)),
+    "elu": Activation(lambda z: np.where(z > 0, z, np.expm1(z)), lambda z: np.where(z > 0, 1, np.exp(z))),
     "exponential": Activation(np.exp, np.exp),
     "shifted_exponential": Activation(lambda z: np.exp(z - 3), lambda z: np.exp(z - 3)),
     "sigmoid": Activation(sigmoid, lambda z: sigmoid(z) * sigmoid(-z)),
@@ -44,7 +37,6 @@ ACTIVATIONS = {
     "gelu": Activation(
         lambda z: z * normal_cdf(z), lambda z: normal_cdf(z) + z * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
     ),
-    "gelu_tanh": Activation(lambda z: z * sigmoid(gate(z)), gelu_tanh_slope),
     "softplus": Activation(lambda z: np.log1p(np.exp(z)), sigmoid),
     "sine": Activation(np.sin, np.cos),
     "squareplus": Activation(lambda z: (z + np.sqrt(z**2 + 4)) / 2, lambda z: (1 + z / np.sqrt(z**2 + 4)) / 2),

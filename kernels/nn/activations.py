@@ -12,18 +12,28 @@ class Activation:
 
     `value` and `derivative` are C++ expressions of the float `z`; native code inlines them, each in parentheses that
     it is given here. `func` is the same as a differentiable `@wp.func` float -> float for Warp kernels.
+
+    slope_at_result: the derivative as an expression of the result, here also called `z`, where that is enough: training
+    then keeps results alone, and is faster.
     """
 
     name: str
     value: str
     derivative: str
+    slope_at_result: str = ""
 
     def __post_init__(self):
-        for name in ("value", "derivative"):
-            object.__setattr__(self, name, enclosed(getattr(self, name)))
+        for name in ("value", "derivative", "slope_at_result"):
+            if getattr(self, name):
+                object.__setattr__(self, name, enclosed(getattr(self, name)))
 
     def __reduce__(self):  # copies and pickles leave the functions behind
-        return type(self), (self.name, self.value, self.derivative)
+        return type(self), (self.name, self.value, self.derivative, self.slope_at_result)
+
+    @property
+    def kept_slope(self) -> str:
+        """The derivative at what training keeps: the result, or `z`."""
+        return self.slope_at_result or self.derivative
 
     @cached_property
     def func(self) -> wp.Function:
@@ -54,19 +64,18 @@ def enclosed(expression: str) -> str:
 SIGMOID = "(1.0f / (1.0f + wp::exp(-z)))"
 NORMAL_CDF = "(0.5f + 0.5f * wp::erf(0.70710678f * z))"
 
-linear = Activation("linear", "z", "1.0f")
-relu = Activation("relu", "(z > 0.0f ? z : 0.0f)", "(z > 0.0f ? 1.0f : 0.0f)")
-leaky_relu = Activation("leaky_relu", "(z > 0.0f ? z : 0.01f * z)", "(z > 0.0f ? 1.0f : 0.01f)")
+linear = Activation("linear", "z", "1.0f", "1.0f")
+relu = Activation("relu", "(z > 0.0f ? z : 0.0f)", "(z > 0.0f ? 1.0f : 0.0f)", "(z > 0.0f ? 1.0f : 0.0f)")
+leaky_relu = Activation("leaky_relu", "(z > 0.0f ? z : 0.01f * z)", *2 * ("(z > 0.0f ? 1.0f : 0.01f)",))
+elu = Activation(
+    "elu", "(z > 0.0f ? z : wp::exp(z) - 1.0f)", "(z > 0.0f ? 1.0f : wp::exp(z))", "(z > 0.0f ? 1.0f : z + 1.0f)"
+)  # Clevert et al. 2016, "Exponential Linear Units", eq. 16 with alpha 1
 exponential = Activation("exponential", "wp::exp(z)", "wp::exp(z)")
 shifted_exponential = Activation("shifted_exponential", "wp::exp(z - 3.0f)", "wp::exp(z - 3.0f)")
 sigmoid = Activation("sigmoid", SIGMOID, f"{SIGMOID} * (1.0f - {SIGMOID})")
 tanh = Activation("tanh", "wp::tanh(z)", "(1.0f - wp::tanh(z) * wp::tanh(z))")
 silu = Activation("silu", f"z * {SIGMOID}", f"{SIGMOID} * (1.0f + z * (1.0f - {SIGMOID}))")
 gelu = Activation("gelu", f"z * {NORMAL_CDF}", f"({NORMAL_CDF} + 0.39894228f * z * wp::exp(-0.5f * z * z))")
-GATE = "(1.0f / (1.0f + wp::exp(-1.5957691f * z * (1.0f + 0.044715f * z * z))))"
-gelu_tanh = Activation(
-    "gelu_tanh", f"z * {GATE}", f"{GATE} * (1.0f + z * (1.0f - {GATE}) * 1.5957691f * (1.0f + 0.134145f * z * z))"
-)  # Hendrycks and Gimpel 2016, section 2, the approximation by a hyperbolic tangent: of few operations
 EXP = "wp::exp(-wp::abs(z))"  # of softplus; where it is small, the logarithm by its series: 1 + 1e-8 is 1
 LOG = f"({EXP} < 1e-3f ? {EXP} * (1.0f - 0.5f * {EXP}) : wp::log(1.0f + {EXP}))"
 softplus = Activation("softplus", f"(z > 0.0f ? z : 0.0f) + {LOG}", SIGMOID)
@@ -78,9 +87,7 @@ squareplus = Activation(
     f"z > 0.0f ? 0.5f + 0.5f * z / {ROOT} : 2.0f / (({ROOT} - z) * {ROOT})",
 )  # Barron 2021, "Squareplus", with b = 4
 
-SAME_SLOPE = (linear, relu, leaky_relu)  # the derivative at f(z) is that at z, so that z need not be kept
-
 ALL = (
-    linear, relu, leaky_relu, exponential, shifted_exponential, sigmoid, tanh, silu, gelu, gelu_tanh, softplus, sine,
+    linear, relu, leaky_relu, elu, exponential, shifted_exponential, sigmoid, tanh, silu, gelu, softplus, sine,
     squareplus,
 )  # fmt: skip

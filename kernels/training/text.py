@@ -23,10 +23,10 @@ def finish_names(schedule: Schedule, losses_and_sums: str) -> str:
 
 
 def slopes(spec: NetworkSpec) -> str:
-    """Lambdas: the derivatives of the activations."""
+    """Lambdas: the derivatives of the activations, of hidden layers at what is kept."""
     return "".join(
-        f"auto d_{name} = [](real z) -> real {{ return {activation.derivative}; }};\n"
-        for name, activation in (("hidden", spec.activation), ("last", spec.output_activation))
+        f"auto d_{name} = [](real z) -> real {{ return {derivative}; }};\n"
+        for name, derivative in (("hidden", spec.activation.kept_slope), ("last", spec.output_activation.derivative))
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.nn.activations import gelu_tanh
+from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.texture.layout import Layout
 from warp_neural.kernels.texture.texel import make_decode_kernel, make_params_type, make_texel
 from warp_neural.nn.mlp import MLP
@@ -52,7 +52,7 @@ class Decoder:
 def make_network(state: TextureState, device: wp.Device, precision: str) -> MLP:
     spec = state.spec
     width, depth = spec.hidden[0], len(spec.hidden)
-    net = MLP(spec.n_in, spec.channels, width, depth, activation=gelu_tanh, precision=precision, device=device)
+    net = MLP(spec.n_in, spec.channels, width, depth, activation=elu, precision=precision, device=device)
     net.weights = [state.tensors[f"weights_{l}"].values for l in range(len(spec.layers))]
     net.biases = [state.tensors[f"biases_{l}"].values for l in range(len(spec.layers))]
     return net

@@ -8,7 +8,7 @@ import warp as wp
 from tqdm import tqdm
 
 from warp_neural.kernels.coopvec.layout import bias_is_half, make_pack_kernel
-from warp_neural.kernels.nn.activations import gelu_tanh
+from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.texture.layout import BILINEAR, Layout
 from warp_neural.kernels.texture.levels import TILE, TextureData
@@ -78,7 +78,7 @@ class TextureTrainer:
         """He initialisation, the last layer smaller, its biases the channels' means."""
         spec = self.spec
         width, depth = spec.hidden[0], len(spec.hidden)
-        net = MLP(spec.n_in, spec.channels, width, depth, activation=gelu_tanh, device=self.device, seed=seed)
+        net = MLP(spec.n_in, spec.channels, width, depth, activation=elu, device=self.device, seed=seed)
         last = len(spec.layers) - 1
         gains = [np.sqrt(2 / n_in) * (0.3 if l == last else 1) for l, (_, n_in) in enumerate(spec.layers)]
         net.weights = [

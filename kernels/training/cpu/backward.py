@@ -28,7 +28,8 @@ def chunk_backward_text(spec: NetworkSpec, input_gradient: bool) -> str:
 
 def slopes(spec: NetworkSpec, index: int, layer: LayerLayout) -> str:
     """The gradient of a layer's activated results, to that of its pre-activations."""
-    derivative, n_pad = spec.activation_of(index).derivative, layer.n_pad
+    activation, n_pad = spec.activation_of(index), layer.n_pad
+    derivative = activation.derivative if keeps_z(spec, index) else activation.slope_at_result
     if spec.activation_of(index) is linear:
         return ""
     d, z = gradient_name(index), f"z{index}" if keeps_z(spec, index) else f"h{index + 1}"

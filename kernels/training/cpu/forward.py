@@ -17,7 +17,6 @@ import warp as wp
 from warp_neural.kernels.coopvec.cpu.math import on_vectors
 from warp_neural.kernels.coopvec.cpu.network import LANES, result, vector_prelude
 from warp_neural.kernels.coopvec.layout import bias_joins_relu, network_layout
-from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import FLOAT32, NetworkSpec, round_up
 
 CHUNK = 64  # samples, a multiple of ROWS
@@ -36,7 +35,7 @@ PARAMETERS = "const real* const mine = reinterpret_cast<const real*>(params.pack
 def keeps_z(spec: NetworkSpec, index: int) -> bool:
     """8-bit formats round small results to zero, where ReLU's derivative is another."""
     is_last = index == len(spec.layers) - 1
-    lifted = spec.activation_of(index) in SAME_SLOPE and (is_last or spec.format.bits > 8)
+    lifted = bool(spec.activation_of(index).slope_at_result) and (is_last or spec.format.bits > 8)
     return not lifted
 
 

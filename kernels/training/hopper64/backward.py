@@ -8,7 +8,7 @@ while they run, the next samples can be read.
 from pathlib import Path
 
 from warp_neural.kernels.native import paste
-from warp_neural.kernels.nn.activations import leaky_relu, relu
+from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.forward import enter, wait, wgmma
 from warp_neural.kernels.training.hopper64.schedule import (
@@ -103,9 +103,9 @@ def back_word(spec: NetworkSpec, dh: str, kept: str) -> str:
     low, high = f"{dh}]", f"{dh} + 1]"
     if spec.activation is relu:  # a positive half is not zero: then the sum's sign bit is set
         return f"pack({low}, {high}) & spread_signs({kept} + 0x7fff7fffu)"
-    if spec.activation is leaky_relu:
-        return f"pack({low} * d_hidden(low({kept})), {high} * d_hidden(high({kept})))"
-    return f"pack({low}, {high})"
+    if spec.activation is linear:
+        return f"pack({low}, {high})"
+    return f"pack({low} * d_hidden(low({kept})), {high} * d_hidden(high({kept})))"
 
 
 def begin_first_layer_text(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from warp_neural.kernels.coopvec.fragment_layout import Layout, warpgroup_accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
-from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
 from warp_neural.kernels.training.schedule import HOPPER_BYTES, Schedule
 
@@ -116,7 +115,8 @@ class Hopper64Schedule(HopperSchedule):
 def takes(spec: NetworkSpec, width: int, arch: int) -> bool:
     """Whether warpgroups train such a network, with `width` neurons in every hidden layer."""
     sizes = set(spec.sizes[1:-1]) == {width} and spec.sizes[0] <= width and spec.sizes[-1] <= MAX_OUT
-    return arch == 90 and sizes and spec.format in (FLOAT16, BFLOAT16) and spec.activation in SAME_SLOPE
+    slope = bool(spec.activation.slope_at_result)
+    return arch == 90 and sizes and spec.format in (FLOAT16, BFLOAT16) and slope
 
 
 def make_schedule(spec: NetworkSpec, arch: int = 90, shared_bytes: int = HOPPER_BYTES) -> Hopper64Schedule | None:

@@ -8,7 +8,7 @@ by the layer's inputs for its own tasks of the weights' gradient (see `schedule`
 from pathlib import Path
 
 from warp_neural.kernels.native import paste
-from warp_neural.kernels.nn.activations import SAME_SLOPE, linear, relu
+from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.forward import enter
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
@@ -81,7 +81,7 @@ def weight_products(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str
         DZ=4 * layer.dz,
         H=4 * layer.h,
         AREA=4 * schedule.area,
-        PRE_ACTIVATIONS=int(index > 0 and spec.activation not in SAME_SLOPE),
+        PRE_ACTIVATIONS=int(index > 0 and not spec.activation.slope_at_result),
     )
 
 

@@ -15,7 +15,6 @@ from warp_neural.kernels.coopvec.cuda import primitives
 from warp_neural.kernels.coopvec.cuda.fragments import group_of, pre_activation, start_tile
 from warp_neural.kernels.coopvec.layout import network_layout
 from warp_neural.kernels.native import paste
-from warp_neural.kernels.nn.activations import SAME_SLOPE
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
 from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
@@ -89,7 +88,7 @@ def forward_layer(spec: NetworkSpec, schedule: MmaSchedule, index: int) -> str:
     :: "r"({address}), "f"(z_value(m, j, h, 0)), "f"(z_value(m, j, h, 1)) : "memory");"""
         declare = copy = ""
     else:
-        kept = "next" if spec.activation in SAME_SLOPE else "z"
+        kept = "next" if spec.activation.slope_at_result else "z"
         declare = f"unsigned next[2][{tiles // 2}][4]{'' if kept == 'next' else f', z[2][{tiles // 2}][4]'};"
         finish = cuda.to_next(spec, layout)
         if kept == "z":
