@@ -101,6 +101,14 @@ def test_blocks_repeat_the_edge_and_clip():
     assert (block[..., 2] == [255, 0, 0, 0]).all()
 
 
+def test_single_channels_take_the_nearest_of_eight_values():
+    codes = np.random.default_rng(2).integers(0, 256, (64, 64)) // np.repeat([1, 3, 20, 90], 16)[:, None]
+    blocks = encode_blocks(np.float32(codes[..., None] / 255), "bc4")
+    found = np.frombuffer(texture2ddecoder.decode_bc4(blocks, 64, 64), np.uint8).reshape(64, 64, 4)[..., 2]
+    spans = np.ptp(codes.reshape(16, 4, 16, 4), axis=(1, 3)).repeat(4, axis=0).repeat(4, axis=1)
+    assert (np.abs(found.astype(int) - codes) < spans / 14 + 1).all()  # this decoder rounds down
+
+
 BAD = [
     ([], "bc1", "of no levels"),
     ([PICTURE[..., :2]], "bc1", r"bc1 takes \[height, width, \(3,\) channels\]"),

@@ -7,7 +7,7 @@ import pytest
 
 from warp_neural.texture.kinds import to_maps, to_network
 from warp_neural.texture.maps import load_set
-from warp_neural.texture.measure import channel_errors, flip, map_errors, psnr, relative_error, ssim
+from warp_neural.texture.measure import angle, channel_errors, flip, map_errors, psnr, relative_error, ssim
 
 RNG = np.random.default_rng(7)
 
@@ -60,6 +60,27 @@ def test_a_step_of_the_logarithm_is_a_ratio():
     inner = sky < sky.max() / ratio  # the others are clipped
     assert (wrong + 2 ** each.low[0])[inner] == pytest.approx(((sky + 2 ** each.low[0]) * ratio)[inner], rel=1e-4)
     assert relative_error(sky, 1.1 * sky, 0) == pytest.approx(0.1, rel=1e-5)
+
+
+def test_angles_of_normals():
+    flat = np.float32([[[0.5, 0.5, 1]]])
+    assert angle(flat, np.float32([[[1, 0.5, 0.5]]])) == pytest.approx(90)
+    small = np.radians(0.01)
+    turned = np.array([[[np.sin(small), 0, np.cos(small)]]]) * 0.9 / 2 + 0.5
+    assert angle(flat, turned) == pytest.approx(0.01, rel=1e-6)
+    texture_set = load_set({"normal": RNG.random((12, 12, 3))})
+    errors = map_errors(texture_set.values, texture_set.values, texture_set.maps)
+    assert errors["maps"]["normal"]["degrees"] == pytest.approx(0, abs=1e-5)
+
+
+def test_hidden_texels_do_not_count():
+    truth, result = RNG.random((2, 8, 8, 2))
+    hidden = truth.copy()
+    hidden[:4, :, 0] = np.nan
+    maps = load_set({"a": truth[..., :1], "b": truth[..., 1:]}).maps
+    errors = channel_errors(hidden, result, maps)
+    assert errors["maps"]["a"]["psnr"] == pytest.approx(psnr(truth[4:, :, 0], result[4:, :, 0]))
+    assert errors["maps"]["b"]["psnr"] == pytest.approx(psnr(truth[..., 1], result[..., 1]))
 
 
 def test_small_and_grey_pictures():

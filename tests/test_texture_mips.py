@@ -8,7 +8,7 @@ from warp_neural.errors import InputError
 from warp_neural.imaging.exr import save_exr
 from warp_neural.imaging.image import linear_to_srgb, save_image, srgb_to_linear
 from warp_neural.texture.kinds import to_maps
-from warp_neural.texture.maps import load_set, mip_chain
+from warp_neural.texture.maps import load_set, mip_chain, without_hidden
 from warp_neural.texture.resample import resample, to_light
 
 RNG = np.random.default_rng(5)
@@ -93,6 +93,25 @@ def test_larger_by_a_cubic():
     assert np.abs(ours - np.clip(theirs, values.min(), values.max()))[inner, inner].max() < 1e-5
     normals = resample(unit((3, 3)), "normal", (7, 2))
     assert np.abs(np.linalg.norm(2 * normals - 1, axis=-1) - 1).max() < 1e-5
+
+
+def test_where_masked_out_any_value_will_do():
+    mask = np.zeros((8, 8), bool)
+    mask[0, 2] = True
+    texture_set = load_set({"ao": RNG.random((8, 8)), "opacity": mask, "roughness": RNG.random((8, 8))})
+    levels = mip_chain(texture_set)
+    free = without_hidden(levels, texture_set.maps)
+    seen = np.zeros((8, 8), bool)
+    seen[[7, 0, 1], 1:4] = True  # with all texels beside it, across the border too
+    assert (~np.isnan(free[0][..., 0]) == seen).all() and (~np.isnan(free[0][..., 2]) == seen).all()
+    assert (free[0][seen] == levels[0][seen]).all()
+    for a, b in zip(free, levels, strict=True):
+        assert (a[..., 1] == b[..., 1]).all()
+    assert not np.isnan(free[-1]).any()
+    worn = load_set({"ao": RNG.random((8, 8)), "wear mask": mask})  # hides nothing
+    assert without_hidden([worn.values], worn.maps)[0] is worn.values
+    whole = load_set({"ao": RNG.random((8, 8)), "opacity": np.ones((8, 8), bool)})
+    assert without_hidden([whole.values], whole.maps)[0] is whole.values
 
 
 def put_levels(folder, sizes, names=("albedo", "specular")):

@@ -27,7 +27,8 @@ def trimmed(picture: Picture) -> Picture:
         levels = tuple(level[..., :3] for level in levels)
     if levels[0].shape[-1] >= 3 and picture.of != "normal":
         tolerance = _GREY * 1.001 if picture.of in _SCALARS else 0
-        if all(np.ptp(level[..., :3], axis=-1).max() <= tolerance for level in levels):
+        pairs = ((level[..., a], level[..., b]) for a, b in ((0, 1), (1, 2), (0, 2)) for level in levels)
+        if all(np.abs(x - y).max() <= tolerance for x, y in pairs):
             levels = tuple(level[..., [1, *range(3, level.shape[-1])]] for level in levels)
     return replace(picture, levels=levels)
 
@@ -85,11 +86,11 @@ def to_network(values: np.ndarray, each: Map) -> np.ndarray:
     """A map as stored, [..., channels], to what the network has as results for it, float32 [..., trained channels]."""
     channels = list(each.trained)
     low, high = (np.float64(ends)[channels] for ends in (each.low, each.high))
-    values = values[..., channels]
+    values = values[..., channels] if len(channels) < each.channels else values
     if each.kind == "hdr":
         values = np.log2(np.maximum(values, 0) + 2**low)
     elif (low == 0).all() and (high == 1).all():
-        return values.astype(np.float32)
+        return values.astype(np.float32, copy=False)
     return ((values - low) / (high - low)).astype(np.float32)
 
 

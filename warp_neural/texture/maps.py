@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from warp_neural.errors import InputError
 from warp_neural.kernels.texture.spec import LARGEST_CHANNELS, LARGEST_SIDE
@@ -14,6 +15,7 @@ from warp_neural.texture.pictures import Picture, pictures_of
 from warp_neural.texture.resample import mip_levels, resample
 from warp_neural.texture.state import Kind, Map
 
+_SEEN = 1 / 510  # an opacity that 8 bits have as 0 is not
 Resize = tuple[int, int] | Literal["largest"]
 
 
@@ -91,9 +93,27 @@ def mip_chain(texture_set: TextureSet, levels: int | None = None) -> tuple[np.nd
     return *given, *mip_levels(given[-1], texture_set.maps, count - len(given))
 
 
+def without_hidden(levels: Sequence[np.ndarray], maps: Sequence[Map]) -> list[np.ndarray]:
+    """Copies of mip levels with NaN, which stands for any value, in all maps where the mask "opacity" is 0.
+
+    But not in the texels beside those that are seen: filtering reads them. Levels as they are without such a mask.
+    """
+    places = np.cumsum([0, *(len(each.trained) for each in maps)])
+    masks = [k for k, each in zip(places, maps, strict=False) if (each.name, each.kind) == ("opacity", "mask")]
+    if not masks or masks[0] == places[-1]:
+        return list(levels)
+    return [_with_nan(level, masks[0]) for level in levels]
+
+
+def _with_nan(level: np.ndarray, mask: int) -> np.ndarray:
+    seen = maximum_filter(level[..., mask], size=3, mode="wrap") >= _SEEN
+    result = np.where(seen[..., None], level, np.float32(np.nan))
+    result[..., mask] = level[..., mask]
+    return result
+
+
 def _stacked(level: Sequence[np.ndarray], maps: Sequence[Map]) -> np.ndarray:
-    results = [to_network(values, each) for values, each in zip(level, maps, strict=True)]
-    return np.ascontiguousarray(np.concatenate(results, axis=-1))
+    return np.concatenate([to_network(values, each) for values, each in zip(level, maps, strict=True)], axis=-1)
 
 
 def _resized(where: str, pictures: list[Picture], kinds: dict[str, Kind], resize: Resize) -> list[Picture]:

@@ -23,9 +23,10 @@ def psnr(truth: np.ndarray, result: np.ndarray) -> float:
 
 
 def squared_errors(truth: np.ndarray, result: np.ndarray) -> np.ndarray:
-    """The mean of each channel, [..., channels] to float64 [channels], of 8-bit codes."""
+    """The mean of each channel, [..., channels] to float64 [channels], of 8-bit codes; without truths that are NaN."""
     axes = tuple(range(np.ndim(truth) - 1))
-    return np.square(codes(truth) - codes(result)).mean(axes, dtype=np.float64)
+    squared, known = np.square(codes(truth) - codes(result)), ~np.isnan(truth)
+    return squared.sum(axes, where=known, dtype=np.float64) / np.maximum(known.sum(axes), 1)
 
 
 def channel_errors(truth: np.ndarray, result: np.ndarray, maps: Sequence[Map]) -> dict:
@@ -44,9 +45,9 @@ def channel_errors(truth: np.ndarray, result: np.ndarray, maps: Sequence[Map]) -
 
 
 def map_errors(truth: np.ndarray, result: np.ndarray, maps: Sequence[Map]) -> dict:
-    """`channel_errors`, and for each map SSIM and FLIP as it looks; of hdr also "relative", see `relative_error`.
+    """`channel_errors`, and for each map SSIM and FLIP as it looks; of hdr also "relative", of normals "degrees".
 
-    SSIM of pictures smaller than its window is None. FLIP takes seconds a megatexel.
+    See `relative_error` and `angle`. SSIM of pictures smaller than its window is None. FLIP takes seconds a megatexel.
     """
     errors = channel_errors(truth, result, maps)
     pairs = zip(to_maps(truth, maps).items(), to_maps(result, maps).values(), strict=True)
@@ -55,6 +56,8 @@ def map_errors(truth: np.ndarray, result: np.ndarray, maps: Sequence[Map]) -> di
             row = errors["maps"][name]
             if each.kind == "hdr":
                 row["relative"] = relative_error(a, b, 2.0 ** min(each.low))
+            if each.kind == "normal":
+                row["degrees"] = angle(a[..., :3], b[..., :3])
             a, b = shown(a, each), shown(b, each)
             row |= {"ssim": ssim(a, b), "flip": flip(a, b)}
     return errors
@@ -76,6 +79,13 @@ def relative_error(truth: np.ndarray, result: np.ndarray, dark: float) -> float:
     """The root mean square of (result - truth) / (truth + dark), both linear and not negative."""
     ratios = (result - np.float64(truth)) / (truth + dark)
     return float(np.sqrt(np.square(ratios).mean()))
+
+
+def angle(truth: np.ndarray, result: np.ndarray) -> float:
+    """The mean angle in degrees between vectors [..., 3] stored as (x + 1) / 2, of any length."""
+    a, b = 2 * np.float64(truth) - 1, 2 * np.float64(result) - 1
+    across = np.linalg.norm(np.cross(a, b), axis=-1)  # its arc tangent is exact for small angles too
+    return float(np.degrees(np.arctan2(across, (a * b).sum(-1))).mean())
 
 
 def ssim(truth: np.ndarray, result: np.ndarray) -> float | None:
