@@ -11,11 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-
-from perf import texture_sphere
-from perf.texture_peers import Coded, all_coded, check_installed
-from perf.texture_pictures import CROPS, crops, curves, spheres
+from perf.texture_peers import all_coded, check_installed
+from perf.texture_pictures import crops, curves, side_by_side, spheres
 from perf.texture_points import Judge, Loss, Point, load_maps, losses, recorded_points
 from warp_neural.cli import Between, CommonConfig, progress, resolve_device, run
 from warp_neural.imaging.image import save_image
@@ -45,22 +42,9 @@ def main(config: Config) -> dict:
     write(config.out / "codecs.json", json.dumps({"material": name, "points": [asdict(p) for p in points]}, indent=1))
     write(config.out / "codecs.md", page(name, points, lost))
     save_figure(config.out / "curves.png", curves(points, name))
-    save_image(config.out / "crops.png", crops(maps, measured) / 255, color_space="linear")
-    pictures = {"original": judge.sphere}
-    for each, point in sphere_choice(measured):
-        title = f"{each.codec}, {point.bits:.2f} bits, FLIP {point.figures['sphere FLIP']:.3f}"
-        pictures[title] = texture_sphere.render(each.maps, device)
-    save_figure(config.out / "sphere.png", spheres(pictures))
+    save_image(config.out / "crops.png", crops(maps, side_by_side(measured)) / 255, color_space="linear")
+    save_figure(config.out / "sphere.png", spheres(judge, side_by_side(measured)))
     return {f"{p.codec} {p.setting} / {p.bits:.3f} bits": p.figures["PSNR"] for p in points} | {"losses": len(lost)}
-
-
-def sphere_choice(measured: list[tuple[Coded, Point]]) -> list[tuple[Coded, Point]]:
-    """Of each codec that the crops show, what is nearest to one bit a texel."""
-    chosen = []
-    for codec in dict.fromkeys(codec for codec, _, _ in CROPS):
-        found = [pair for pair in measured if pair[0].codec == codec]
-        chosen += [min(found, key=lambda pair: abs(np.log(pair[1].bits)))] if found else []
-    return chosen
 
 
 def write(path: Path, text: str) -> None:
@@ -83,9 +67,9 @@ def page(material: str, points: list[Point], lost: list[Loss]) -> str:
     if lost:
         lines += ["At the other's bits, or at those of our largest file.", ""]
         lines += [row(["measure", "codec", "its bits", "its figure", "our bits", "our figure"]), row(["---"] * 6)]
-    for loss in sorted(lost, key=lambda loss: (loss.measure, loss.other.codec, loss.other.bits)):
-        figures = (loss.other.bits, loss.other.figures[loss.measure], loss.bits, loss.ours)
-        lines.append(row([loss.measure, loss.other.codec, *map(number, figures)]))
+    for loss in sorted(lost, key=lambda loss: (loss.figure, loss.other.codec, loss.other.bits)):
+        figures = (loss.other.bits, loss.other.figures[loss.figure], loss.bits, loss.ours)
+        lines.append(row([loss.figure, loss.other.codec, *map(number, figures)]))
     return "\n".join(lines)
 
 

@@ -2,14 +2,15 @@
 
 import numpy as np
 
+from perf import texture_sphere
 from perf.texture_peers import Coded, Maps
-from perf.texture_points import OURS, RTXNTC, Point, higher_is_better
+from perf.texture_points import OURS, RTXNTC, Judge, Point, higher_is_better
 
 CROP, ENLARGED = 64, 4  # texels of a crop's side, pixels of a texel's
 LINE = 14  # of text, in pixels
 COLORS = {OURS: "C0", RTXNTC: "C1", "AVIF": "C2", "WebP": "C4", "JPEG": "C5", "BC1 to BC7": "C3", "smaller": "C7"}
-CROPS = [("BC1 to BC7", "BC7, BC4", None), (OURS, None, 1), (OURS, None, 2), (OURS, None, 4)]
-CROPS += [("AVIF", None, bits) for bits in (1, 2, 4)]  # codec, setting or None, about how many bits a texel
+SHOWN = [("BC1 to BC7", "BC7, BC4", 24), *((codec, None, bits) for codec in (OURS, "AVIF") for bits in (1, 2, 4))]
+"""Side by side: codec, setting or None, about how many bits a texel."""
 
 
 def curves(points: list[Point], material: str):
@@ -47,15 +48,24 @@ def panel(axis, points: list[Point], measure: str) -> None:
     axis.grid(alpha=0.3)
 
 
-def crops(maps: Maps, coded: list[tuple[Coded, Point]]) -> np.ndarray:
-    """The middle of each map, a row each, enlarged: the original, then what CROPS names; uint8 [height, width, 3]."""
-    columns = [("original", maps)]
-    for codec, setting, bits in CROPS:
-        found = [(c, p) for c, p in coded if c.codec == codec and setting in (None, c.setting)]
-        if found:
-            c, p = min(found, key=lambda pair: abs(np.log(pair[1].bits / (bits or 1))))
-            columns.append((f"{setting or codec}, {p.bits:.2f} bits, {p.figures['PSNR']:.1f} dB", c.maps))
-    return np.concatenate([column(title, shown) for title, shown in columns], axis=1)
+def side_by_side(coded: list[tuple[Coded, Point]]) -> list[tuple[Coded, Point]]:
+    """What SHOWN names."""
+    chosen = []
+    for codec, setting, bits in SHOWN:
+        found = [pair for pair in coded if pair[0].codec == codec and setting in (None, pair[0].setting)]
+        chosen += [min(found, key=lambda pair: abs(np.log(pair[1].bits / bits)))] if found else []
+    return chosen
+
+
+def title(point: Point) -> str:
+    codec = point.setting if point.codec.startswith("BC") else point.codec
+    return f"{codec}, {point.bits:.2f} bits, {point.figures['PSNR']:.1f} dB"
+
+
+def crops(maps: Maps, chosen: list[tuple[Coded, Point]]) -> np.ndarray:
+    """The middle of each map, a row each, enlarged: the original, then others; uint8 [height, width, 3]."""
+    columns = [column("original", maps), *(column(title(point), coded.maps) for coded, point in chosen)]
+    return np.concatenate(columns, axis=1)
 
 
 def column(title: str, maps: Maps) -> np.ndarray:
@@ -71,17 +81,19 @@ def column(title: str, maps: Maps) -> np.ndarray:
     return np.concatenate([np.asarray(heading), *cells])
 
 
-def spheres(pictures: dict[str, np.ndarray]):
-    """Displayed pictures by their titles, on one sheet."""
+def spheres(judge: Judge, chosen: list[tuple[Coded, Point]]):
+    """The sphere with the original maps and with others, on one sheet."""
     from matplotlib.figure import Figure
 
-    columns = min(len(pictures), 4)
-    rows = -(-len(pictures) // columns)
+    columns = 4
+    rows = -(-(1 + len(chosen)) // columns)
     figure = Figure(figsize=(4 * columns, 4.3 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis in axes:
         axis.axis("off")
-    for axis, (title, picture) in zip(axes, pictures.items(), strict=False):
-        axis.imshow(np.clip(picture, 0, 1))
-        axis.set_title(title, fontsize=9)
+    axes[0].imshow(np.clip(judge.sphere, 0, 1))
+    axes[0].set_title("original", fontsize=9)
+    for axis, (coded, point) in zip(axes[1:], chosen, strict=False):
+        axis.imshow(np.clip(texture_sphere.render(coded.maps, judge.device), 0, 1))
+        axis.set_title(f"{title(point)}, FLIP {point.figures['sphere FLIP']:.3f}", fontsize=9)
     return figure

@@ -9,8 +9,9 @@ import warp as wp
 from perf import recorded, texture_sphere
 from perf.texture_peers import Coded, Maps
 from warp_neural.errors import InputError
-from warp_neural.imaging.image import load_image
-from warp_neural.materials.choice import choose_maps
+from warp_neural.texture import measure
+from warp_neural.texture.kinds import to_maps
+from warp_neural.texture.maps import load_set
 
 OURS, RTXNTC = "Warp Neural", "RTXNTC (recorded)"
 
@@ -26,31 +27,34 @@ class Point:
     figures: dict[str, float] = field(default_factory=dict)
 
 
-def higher_is_better(measure: str) -> bool:
-    return not measure.endswith("FLIP")
+def higher_is_better(name: str) -> bool:
+    return not name.endswith("FLIP")
 
 
 def load_maps(folder: Path, crop: int | None) -> Maps:
-    """Values as stored, uint8 [height, width, 3] of albedo and normal, [height, width, 1] of the others."""
+    """The maps of a folder, those that vary and those that do not, as `codes_of`; crop: the square in the middle."""
+    texture_set = load_set(folder)
+    if beyond := [
+        each.name for each in texture_set.maps if each.kind == "hdr" or min(each.low) < 0 or max(each.high) > 1
+    ]:
+        raise InputError(f"{folder}: {', '.join(beyond)} go beyond [0, 1]; only maps that 8 bits hold are compared")
+    values = texture_set.values
+    if crop:
+        top, left = (max(side - crop, 0) // 2 for side in texture_set.size)
+        values = values[top : top + crop, left : left + crop]
+    return codes_of(to_maps(values, texture_set.maps))
+
+
+def codes_of(stored: dict[str, np.ndarray]) -> Maps:
+    """Maps as stored, in [0, 1], to uint8 [height, width, 1 or 3]; an alpha is a map of its own."""
     maps = {}
-    for name, offer in choose_maps(folder).maps.items():
-        pixels = load_image(offer.path, color_space="linear")
-        first = offer.part.channel or 0
-        wide = name in ("albedo", "normal")
-        pixels = np.repeat(pixels, 3, axis=-1) if wide and pixels.shape[-1] == 1 else pixels
-        pixels = pixels[..., :3] if wide else pixels[..., first : first + 1]
-        maps[name] = cut(np.rint(255 * np.clip(pixels, 0, 1)).astype(np.uint8), crop)
-    if len({pixels.shape[:2] for pixels in maps.values()}) > 1:
-        raise InputError(f"{folder}: maps of several sizes; resize them to one")
+    for name, values in stored.items():
+        pixels = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
+        colours = 3 if pixels.shape[2] > 2 else 1
+        maps[name] = pixels[..., :colours]
+        if pixels.shape[2] > colours:
+            maps[f"{name} alpha"] = pixels[..., colours : colours + 1]
     return maps
-
-
-def cut(pixels: np.ndarray, crop: int | None) -> np.ndarray:
-    """The square in the middle."""
-    if crop is None:
-        return pixels
-    top, left = (max(side - crop, 0) // 2 for side in pixels.shape[:2])
-    return np.ascontiguousarray(pixels[top : top + crop, left : left + crop])
 
 
 class Judge:
@@ -62,53 +66,34 @@ class Judge:
         self.sphere = texture_sphere.render(maps, device)
 
     def point(self, coded: Coded) -> Point:
-        errors = [np.square(pixels.astype(float) - coded.maps[name]) for name, pixels in self.maps.items()]
-        figures = {"PSNR": psnr(np.concatenate([each.ravel() for each in errors]).mean())}
+        whole = (np.concatenate([maps[name].ravel() for name in self.maps]) for maps in (self.maps, coded.maps))
+        figures = {"PSNR": measure.psnr(*map(displayed, whole))}
         for name in self.maps:
             figures |= self.of_map(name, coded.maps[name])
-        figures["sphere FLIP"] = flip(self.sphere, texture_sphere.render(coded.maps, self.device))
+        figures["sphere FLIP"] = measure.flip(self.sphere, texture_sphere.render(coded.maps, self.device))
         return Point(coded.codec, coded.setting, 8 * coded.size / self.texels, figures)
 
     def of_map(self, name: str, decoded: np.ndarray) -> dict[str, float]:
         key = name, decoded.tobytes()
         if key not in self.seen:
-            original = self.maps[name]
-            shown, truth = (
-                np.repeat(each, 3 // each.shape[2], axis=2) / np.float32(255) for each in (decoded, original)
-            )
-            self.seen[key] = {
-                f"{name} PSNR": psnr(np.square(original.astype(float) - decoded).mean()),
-                f"{name} SSIM": ssim(original, decoded),
-                f"{name} FLIP": flip(truth, shown),
-            }
+            pair = displayed(self.maps[name]), displayed(decoded)
+            measures = {"PSNR": measure.psnr, "SSIM": measure.ssim, "FLIP": measure.flip}
+            found = {f"{name} {what}": function(*pair) for what, function in measures.items()}
+            self.seen[key] = {what: value for what, value in found.items() if value is not None}  # SSIM of few texels
         return self.seen[key]
 
 
-def psnr(error: float) -> float:
-    """Of a mean square of 8-bit codes, in dB, 99 at most."""
-    return float(min(10 * np.log10(255**2 / max(error, 1e-9)), 99))
-
-
-def ssim(original: np.ndarray, decoded: np.ndarray) -> float:
-    from skimage.metrics import structural_similarity
-
-    return float(structural_similarity(original, decoded, channel_axis=2, data_range=255))
-
-
-def flip(truth: np.ndarray, shown: np.ndarray) -> float:
-    """FLIP (Andersson et al. 2020), the mean; its default viewing distance of 67 pixels a degree."""
-    import flip_evaluator
-
-    return float(flip_evaluator.evaluate(truth, shown, "LDR", applyMagma=False)[1])
+def displayed(codes: np.ndarray) -> np.ndarray:
+    return codes / np.float32(255)
 
 
 def recorded_points(material: str) -> list[Point]:
     return [Point(RTXNTC, f"{bits}", bits, {"PSNR": psnr}) for bits, psnr in recorded.RTXNTC.get(material, [])]
 
 
-def between(curve: list[Point], measure: str, bits: float) -> float | None:
+def between(curve: list[Point], name: str, bits: float) -> float | None:
     """A codec's figure at `bits`, its points joined over the logarithm of bits; None beyond its points."""
-    points = sorted((point.bits, point.figures[measure]) for point in curve if measure in point.figures)
+    points = sorted((point.bits, point.figures[name]) for point in curve if name in point.figures)
     if not points or not points[0][0] <= bits <= points[-1][0]:
         return None
     x, y = np.array(points).T
@@ -120,7 +105,7 @@ class Loss:
     """A point of another codec that is better than ours at `bits`: its own, or those of our largest file."""
 
     other: Point
-    measure: str
+    figure: str
     bits: float
     ours: float
 
@@ -130,9 +115,9 @@ def losses(points: list[Point]) -> list[Loss]:
     largest = max((point.bits for point in ours), default=0.0)
     found = []
     for other in (point for point in points if point.codec != OURS):
-        for measure, value in other.figures.items():
+        for name, value in other.figures.items():
             bits = min(other.bits, largest)
-            here = between(ours, measure, bits)
-            if here is not None and (value > here if higher_is_better(measure) else value < here):
-                found.append(Loss(other, measure, bits, here))
+            here = between(ours, name, bits)
+            if here is not None and (value > here if higher_is_better(name) else value < here):
+                found.append(Loss(other, name, bits, here))
     return found

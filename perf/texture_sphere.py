@@ -8,6 +8,7 @@ from warp_neural.materials.material import DEFAULTS
 from warp_neural.materials.shading import brdf, display
 
 LIGHT = (-0.35, 0.4, 0.85)  # towards it: from the upper left, in front
+BRIGHTNESS = wp.constant(2.0)  # of the light, times that of the shader
 MIN_Z = wp.constant(0.02)  # normals stay above the surface
 
 
@@ -35,7 +36,7 @@ def sphere_kernel(
         bent = right * local[0] + wp.cross(up, right) * local[1] + up * local[2]
         view = wp.vec3(0.0, 0.0, 1.0)
         color = brdf(albedo[i, j], bent, roughness[i, j], metalness[i, j], 1.0, light, view)
-        picture[i, j] = display(color * ao[i, j])
+        picture[i, j] = display(color * (ao[i, j] * BRIGHTNESS))
 
 
 def render(maps: dict[str, np.ndarray], device: wp.Device) -> np.ndarray:

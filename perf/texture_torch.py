@@ -1,9 +1,9 @@
-"""A training step of a neural texture in plain PyTorch: `python -m perf.texture_torch`, 65,536 texels, 8 channels.
+"""A training step of a neural texture beside plain PyTorch: `python -m perf.texture_torch`.
 
-Grids, network, loss, rate and Adam as `perf.texture_torch_model` writes them down, called one after the other (eager)
-and by torch.compile, in float32 and by autocast; on CUDA also as a CUDA graph, where PyTorch can capture it. On the CPU
-PyTorch takes all cores. Loss and gradient are those of `warp_neural.texture` (`tests/test_texture_torch.py`). With
---quick only eager; `pip install -e '.[peers]'` brings PyTorch.
+65,536 texels of 8 channels. In PyTorch, grids, network, loss, rate and Adam are as `perf.texture_torch_model` writes
+them down, called one after the other (eager) and by torch.compile, in float32 and by autocast; on CUDA also as a CUDA
+graph, where PyTorch can capture it. On the CPU PyTorch takes all cores. Loss and gradients of both are the same
+(`tests/test_texture_torch.py`). With --quick only eager; `pip install -e '.[peers]'` brings PyTorch.
 """
 
 from collections.abc import Callable
@@ -19,10 +19,11 @@ from perf.pictures import bars
 from warp_neural.cli import Between, progress, run
 from warp_neural.errors import InputError
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
+from warp_neural.texture.trainer import CHECK, TextureTrainer
 
 GRIDS = (Grid(2, 12), Grid(4, 16), Grid(8, 12, "separable"), Grid(16, 8, "bilinear"))
 RATE_WEIGHT = 1e-3
-LEARNING = 20  # steps in which the loss must fall before anything is timed
+LEARNING = 10  # steps in which the loss must fall before anything is timed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,18 @@ def learning(step: Callable) -> Callable:
     return step
 
 
+def measure_ours(bench: Bench, config: TextureConfig) -> None:
+    """Of `TextureTrainer`, in the noise phase, as many steps at once as a CUDA graph takes."""
+    spec = TextureSpec(config.side, config.side, 8, 1, GRIDS)
+    values = [targets(config.side, spec.channels, config.seed)]
+    options = {"rate_weight": RATE_WEIGHT, "tiles": config.tiles, "seed": config.seed, "device": bench.device}
+    at_once = CHECK if bench.device.is_cuda else 1
+    trainer = TextureTrainer(spec, values, steps=4 * at_once * (WARM_UP + config.rounds), **options)
+    trainer.run(at_once, quiet=True)  # compiles
+    rounds = [wall_ms(lambda: trainer.run(at_once, quiet=True), 2) for _ in range(WARM_UP + config.rounds)]
+    bench.add("Warp Neural", "step", np.array(rounds[WARM_UP:]) / at_once, "ms")
+
+
 def call_times(step: Callable, rounds: int) -> tuple[np.ndarray, str]:
     """Milliseconds of a step in each round, [rounds], by the wall clock."""
     repeat = int(np.clip(100 // wall_ms(step, 1), 1, 50))
@@ -90,6 +103,7 @@ def main(config: TextureConfig) -> dict:
     import torch
 
     bench = Bench("texture_torch", config)
+    measure_ours(bench, config)
     device = "cuda" if bench.device.is_cuda else "cpu"
     bench.result.settings |= {"PyTorch": torch.__version__, "texture": f"{config.side} x {config.side}, 8 channels"}
     bench.result.settings["step"] = f"{config.tiles * 32 * 32:,} texels"

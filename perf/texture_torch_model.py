@@ -12,9 +12,9 @@ import torch  # noqa: TID253  only `perf.texture_torch` imports this file, where
 from torch import Tensor, nn  # noqa: TID253
 from torch.nn.functional import gelu, softplus  # noqa: TID253
 
+from warp_neural.kernels.texture.levels import TILE
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 
-TILE = 32  # texels a side of what a step takes at once
 BILINEAR = 0.3  # times the weights of bilinear interpolation; trained kernels start there
 LEAST = 0.02  # sigma
 FLOOR = 2.0**-24  # of a probability, as a coder has

@@ -11,7 +11,7 @@ from perf import texture_codecs, texture_peers, texture_points, texture_sphere
 from perf.texture_peers import Coded
 from perf.texture_points import OURS, RTXNTC, Judge, Point
 from warp_neural.errors import InputError
-from warp_neural.imaging.image import load_image
+from warp_neural.imaging.image import load_image, save_exr
 from warp_neural.materials.default_material import default_material
 from warp_neural.materials.material import save_material
 
@@ -36,6 +36,24 @@ def test_maps_are_as_stored(folder, maps):
     assert np.abs(maps["roughness"] - expected).max() <= 0.501 and maps["albedo"].shape == (64, 64, 3)
     assert texture_points.load_maps(folder, 20)["normal"].shape == (20, 20, 3)
     assert (texture_points.load_maps(folder, 20)["ao"] == maps["ao"][22:42, 22:42]).all()
+
+
+def test_alpha_is_a_map_of_its_own():
+    stored = {"decal": np.full((2, 3, 4), (0, 0.5, 1, 0.2), np.float32), "a": np.ones((2, 3, 2), np.float32)}
+    codes = texture_points.codes_of(stored)
+    assert {name: pixels.shape[2] for name, pixels in codes.items()} == {
+        "decal": 3,
+        "decal alpha": 1,
+        "a": 1,
+        "a alpha": 1,
+    }
+    assert codes["decal"][0, 0].tolist() == [0, 128, 255] and (codes["decal alpha"] == 51).all()
+
+
+def test_maps_beyond_8_bits(tmp_path):
+    save_exr(tmp_path / "height.exr", {"Y": np.linspace(-2, 3, 64, dtype=np.float32).reshape(8, 8)})
+    with pytest.raises(InputError, match=r"height go beyond \[0, 1\]"):
+        texture_points.load_maps(tmp_path, None)
 
 
 def test_block_formats(maps):
@@ -80,7 +98,7 @@ def test_smaller(maps):
 def test_judge(maps):
     judge = Judge(maps, wp.get_device("cpu"))
     same = judge.point(Coded("a", "", 512, maps))
-    assert same.bits == 1 and same.figures["PSNR"] == 99 and same.figures["ao SSIM"] == 1
+    assert same.bits == 1 and same.figures["PSNR"] == 120 and same.figures["ao SSIM"] == 1
     assert same.figures["albedo FLIP"] == same.figures["sphere FLIP"] == 0
     off = maps | {"roughness": np.where(maps["roughness"] > 127, maps["roughness"] - 10, maps["roughness"] + 10)}
     point = judge.point(Coded("b", "", 512, off))
@@ -108,7 +126,7 @@ def test_where_we_lose():
     ours = [Point(OURS, "", bits, {"PSNR": psnr, "FLIP": 0.1}) for bits, psnr in ((1, 30), (4, 34))]
     beside = [Point("A", "", 2, {"PSNR": 31.9, "FLIP": 0.09}), Point("B", "", 8, {"PSNR": 35, "FLIP": 0.2})]
     found = texture_points.losses([*ours, *beside, Point("C", "", 0.5, {"PSNR": 50})])
-    assert [(loss.other.codec, loss.measure, loss.bits, loss.ours) for loss in found] == [
+    assert [(loss.other.codec, loss.figure, loss.bits, loss.ours) for loss in found] == [
         ("A", "FLIP", 2, pytest.approx(0.1)),
         ("B", "PSNR", 4, pytest.approx(34)),
     ]

@@ -6,6 +6,7 @@ import pytest
 from perf import texture_torch
 from warp_neural.errors import InputError
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
+from warp_neural.texture.trainer import TextureTrainer
 
 GRIDS = (Grid(2, 3), Grid(4, 4), Grid(8, 2, "separable"), Grid(16, 2, "bilinear"))
 SPEC = TextureSpec(64, 96, 5, 1, GRIDS, hidden=(16, 16))
@@ -86,11 +87,61 @@ def test_rate_reaches_latents_and_scales_everywhere(texture):
     assert all(torch.isfinite(s.grad).all() and (s.grad != 0).all() for s in texture.scales)
 
 
+def test_loss_and_gradients_are_the_trainers():
+    """Of the first step, with the trainer's own noise: latents, kernels, scales, network."""
+    torch = pytest.importorskip("torch")
+    from perf.texture_torch_model import Texture, around
+
+    values = np.random.default_rng(0).random((64, 96, 5), np.float32)
+    trainer = TextureTrainer(SPEC, [values], rate_weight=0.5, steps=2, tiles=2, device="cpu")
+    texture = Texture(SPEC, values, float(trainer.data.rate_weight.numpy()[0]))
+    places, kernels = trainer.layout.places, trainer.kernels.numpy()
+    with torch.no_grad():
+        for name, place in places.items():
+            part = np.moveaxis(kernels[place.start : place.end].reshape(place.shape), -1, 0)
+            target = texture.scales[int(name[-1])] if name.startswith("scale") else texture.kernels[name]
+            target.copy_(torch.from_numpy(part.copy()))
+        for layer, weights, biases in zip(texture.layers, trainer.net.weights, trainer.net.biases, strict=True):
+            layer.weight.copy_(torch.from_numpy(weights.astype(np.float16).astype(np.float32)))
+            layer.bias.copy_(torch.from_numpy(biases.copy()))
+    trainer.launches.gradient(0)
+    gradients, counted = trainer.data.kernels_gradient.numpy().copy(), 2 * 32 * 32
+    sides = [32 // grid.scale + 1 for grid in GRIDS]
+    noisy = [g.noisy.numpy().reshape(2, n, n, -1) for g, n in zip(trainer.batch.grids, sides, strict=True)]
+    patches = [torch.from_numpy(each.copy()).requires_grad_() for each in noisy]
+    corners = torch.from_numpy(trainer.data.tiles.numpy()[:2, 1:])
+    loss = texture.loss(patches, texture.target(corners))
+    loss.backward()
+    found = np.concatenate([np.concatenate([l.weight.grad.ravel(), l.bias.grad]) for l in texture.layers])
+    close(trainer.launches.gathered()[: len(found)] / counted, found)
+    for name, kernel in texture.kernels.items():
+        place = places[name]
+        close(np.moveaxis(gradients[place.start : place.end].reshape(place.shape), -1, 0) / counted, kernel.grad)
+    sums = trainer.data.sums.numpy().sum(0)  # of each channel: the derivative in sigma, bits
+    slope = torch.sigmoid(torch.cat([*texture.scales])).detach().numpy()
+    close(slope * sums[:, 0] / counted, torch.cat([scale.grad for scale in texture.scales]))
+    close(sums[:, 1].sum(), texture.bits(patches).detach())
+    latents, start = trainer.data.gradient.numpy() / counted, 0
+    for grid, patch, shape in zip(GRIDS, patches, (q.shape for q in texture.latents), strict=True):
+        expected = torch.zeros(shape)
+        rows, columns = around(corners // grid.scale, patch.shape[1], shape)
+        expected.index_put_((rows, columns), patch.grad, accumulate=True)
+        close(latents[start : start + expected.numel()].reshape(shape), expected)
+        start += expected.numel()
+
+
+def close(found: np.ndarray, expected) -> None:
+    """The trainer's network has numbers of 16 bits, rounded by up to 2^-12 of their size."""
+    expected = np.asarray(expected)
+    assert np.linalg.norm(found - expected) < 2**-12 * np.linalg.norm(expected)
+
+
 def test_measurement(tmp_path):
     pytest.importorskip("torch")
     options = {"side": 64, "tiles": 1, "rounds": 2, "quick": True, "device": "cpu", "json": True}
     metrics = texture_torch.main(texture_torch.TextureConfig(out=tmp_path, **options))
-    assert metrics["PyTorch eager, float32 / step"] > 0 and metrics["PyTorch eager, bfloat16 / step"] > 0
+    rows = ("Warp Neural", "PyTorch eager, float32", "PyTorch eager, bfloat16")
+    assert all(metrics[f"{row} / step"] > 0 for row in rows)
 
 
 def test_without_pytorch(monkeypatch):
