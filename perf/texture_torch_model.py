@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import torch  # noqa: TID253  only `perf.texture_torch` imports this file, where PyTorch is installed
 from torch import Tensor, nn  # noqa: TID253
-from torch.nn.functional import gelu, softplus  # noqa: TID253
+from torch.nn.functional import elu, softplus  # noqa: TID253
 
 from warp_neural.kernels.texture.levels import TILE
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
@@ -57,7 +57,7 @@ class Texture(nn.Module):
     def loss(self, patches: list[Tensor], target: Tensor) -> Tensor:
         x = torch.cat([self.read(g, patch) for g, patch in enumerate(patches)], -1)  # [tiles, TILE, TILE, n_in]
         for layer in self.layers[:-1]:
-            x = gelu(layer(x), approximate="tanh")
+            x = elu(layer(x))
         error = (self.layers[-1](x).float() - target).square().mean()
         return error + self.rate_weight * self.bits(patches) / target[..., 0].numel()
 
