@@ -17,6 +17,7 @@ _SCALARS = ("roughness", "metalness", "ao", "height", "opacity")
 _GREY = 2 / 255  # how far channels of a scalar map may differ that was grey before a lossy format
 _BINARY = 0.98  # of a mask's texels are 0 or 1; the others are its smooth edge
 _DARK = 1 / 64  # of the median: darker than this, hdr's errors count as differences, above as ratios
+_LARGEST = 1e18  # float32 holds its square
 _BITS_OF_HDR = 24  # below the largest value, at most
 
 
@@ -40,6 +41,8 @@ def kind_of(picture: Picture) -> Kind:
     """
     channels = picture.levels[0].shape[-1]
     low, high = _extent(picture.levels)
+    if max(-low, high) > _LARGEST:
+        raise InputError(f"{picture.file or picture.name}: values from {low:.4g} to {high:.4g}; bring them below 1e18")
     colour = picture.of == "albedo" or (picture.of is None and bool(_COLOUR.search(picture.name)))
     if picture.of == "normal" and channels >= 3 and low >= -RINGING and high <= 1 + RINGING:
         return "normal"
@@ -75,10 +78,7 @@ def describe(picture: Picture, kind: Kind) -> Map:
 def varying(each: Map) -> Map:
     """A map of constant channels with its first one made a result of the network."""
     value = each.low[0]
-    if each.kind == "hdr":
-        low, high = _logarithms(np.float32(value), value)
-    else:
-        low, high = (0.0, 1.0) if 0 <= value <= 1 else (value, value + 1)
+    low, high = _logarithms(np.float32(value), value) if each.kind == "hdr" else (min(value, 0.0), max(value, 1.0))
     return replace(each, low=(low, *each.low[1:]), high=(high, *each.high[1:]))
 
 
@@ -91,7 +91,7 @@ def to_network(values: np.ndarray, each: Map) -> np.ndarray:
         values = np.log2(np.maximum(values, 0) + 2**low)
     elif (low == 0).all() and (high == 1).all():
         return values.astype(np.float32, copy=False)
-    return ((values - low) / (high - low)).astype(np.float32)
+    return np.clip((values - low) / (high - low), 0, 1).astype(np.float32)
 
 
 def to_stored(results: np.ndarray, each: Map) -> np.ndarray:
