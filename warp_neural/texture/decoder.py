@@ -5,11 +5,11 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_neural.errors import InputError
-from warp_neural.kernels.nn.activations import elu
+from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.texture.layout import Layout
 from warp_neural.kernels.texture.texel import make_decode_kernel, make_params_type, make_texel
 from warp_neural.nn.mlp import MLP
+from warp_neural.texture.initial import make_network
 from warp_neural.texture.levels import make_levels
 from warp_neural.texture.state import TextureState
 
@@ -20,9 +20,9 @@ class Decoder:
     """params: for kernels, of type `Params`. texel: `(params, i, j, mip) -> vector` of the channels that the network
     has, see `make_texel`."""
 
-    def __init__(self, state: TextureState, device: wp.DeviceLike = None, precision: str = "float16"):
-        self.spec, self.device = state.spec, wp.get_device(device)
-        self.net = make_network(state, self.device, precision)
+    def __init__(self, state: TextureState, device: wp.DeviceLike = None):
+        self.spec, self.device = state.spec, find_device(device)
+        self.net = network_of(state, self.device)
         self.Params = make_params_type(self.net.Params)
         params = self.params = self.Params()
         params.network, params.levels = self.net.params, make_levels(state.spec, self.device)
@@ -49,12 +49,10 @@ class Decoder:
         return values.numpy()
 
 
-def make_network(state: TextureState, device: wp.Device, precision: str) -> MLP:
-    spec = state.spec
-    width, depth = spec.hidden[0], len(spec.hidden)
-    net = MLP(spec.n_in, spec.channels, width, depth, activation=elu, precision=precision, device=device)
-    net.weights = [state.tensors[f"weights_{l}"].values for l in range(len(spec.layers))]
-    net.biases = [state.tensors[f"biases_{l}"].values for l in range(len(spec.layers))]
+def network_of(state: TextureState, device: wp.Device) -> MLP:
+    net = make_network(state.spec, device)
+    net.weights = [state.tensors[f"weights_{l}"].values for l in range(len(state.spec.layers))]
+    net.biases = [state.tensors[f"biases_{l}"].values for l in range(len(state.spec.layers))]
     return net
 
 
