@@ -193,8 +193,12 @@ class TextureTrainer:
         arrays |= {"kernel_steps": self.kernel_steps, "network_steps": self.network_steps}
         return arrays | {"losses": self.progress.losses, "bits": self.data.bits}
 
-    def restore(self, arrays: Mapping[str, wp.array | np.ndarray]) -> None:
-        """Go on from copies of `arrays`."""
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Copies of `arrays`, on the host."""
+        return {name: array.numpy().copy() for name, array in self.arrays.items()}
+
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Go on from a snapshot."""
         for name, array in self.arrays.items():
             array.assign(arrays[name])
         self.index = int(self.progress.counters.numpy()[0])

@@ -1,0 +1,60 @@
+"""Every CUDA kernel of neural textures compiles ahead of time; this needs no GPU."""
+
+import pytest
+import warp as wp
+
+from warp_neural.kernels.nn.activations import elu
+from warp_neural.kernels.nn.optimizers import adam
+from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
+from warp_neural.kernels.texture import features, rate, sample, texel, update
+from warp_neural.kernels.texture.spec import Grid, TextureSpec
+from warp_neural.kernels.training.fused import make_kernels
+from warp_neural.kernels.training.rooms import choose_schedule
+from warp_neural.kernels.training.update import make_fused_update_kernel
+from warp_neural.nn.mlp import MLP
+
+SPEC = TextureSpec(256, 256, 8, 3, (Grid(2, 12), Grid(8, 24, "separable"), Grid(16, 11, "bilinear")))
+
+
+def compiles(kernel, arch, folder):
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=folder)
+    assert artifact.stat().st_size > 0
+
+
+@pytest.mark.parametrize("g", range(3))
+def test_grids(g, tmp_path):
+    half = wp.float16
+    kernels = [features.make_disturb_kernel(SPEC, g), features.make_features_kernel(SPEC, g, half)]
+    kernels += [features.make_adjoint_kernel(SPEC, g, half), rate.make_rate_kernel(SPEC, g)]
+    kernels += [update.make_latents_kernel(SPEC, g)]
+    kernels += [features.make_kernel_adjoint_kernel(SPEC, g, half)] if g < 2 else []
+    for kernel in kernels:
+        compiles(kernel, 90, tmp_path)
+
+
+def test_network(tmp_path):
+    """By warpgroups, and updated in one launch."""
+    spec = NetworkSpec((SPEC.n_in, 64, 64, 8), elu, format=FLOAT16)
+    schedule = choose_schedule(spec, 90, 227 * 1024)
+    assert type(schedule).__name__ == "Hopper64Schedule"
+    drawn = sample.make_sample(SPEC, 64, spec.vec_in)
+    kernels = make_kernels(spec, schedule, drawn, sample.known_l2, None, True, True)
+    for kernel in [*kernels, make_fused_update_kernel(adam, spec, schedule), update.kernels_kernel]:
+        compiles(kernel, 90, tmp_path)
+
+
+@pytest.mark.parametrize("arch", [75, 90])
+def test_decoding(arch, tmp_path):
+    net = MLP(SPEC.n_in, 8, 64, 2, activation=elu, device="cpu")
+    params_type = texel.make_params_type(net.Params)
+    each = texel.make_texel(SPEC, net.func, params_type)
+    stored = texel.make_stored(each, 8, ((0.0, 1.0, False),) * 7 + ((-4.0, 9.0, True),), params_type)
+    blended = texel.make_sample(stored, SPEC, params_type)
+    vec = wp.types.vector(8, float)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(params: params_type, uv: wp.array[wp.vec2], y: wp.array[vec]):
+        i = wp.tid()
+        y[i] = blended(params, uv[i], 0.5)
+
+    compiles(kernel, arch, tmp_path)

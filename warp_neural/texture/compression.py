@@ -1,0 +1,167 @@
+"""`compress`: from pictures to a `Texture`, of a wanted size or quality."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import log
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import warp as wp
+
+from warp_neural.errors import InputError, find_device
+from warp_neural.kernels.errors import is_finite, require
+from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.texture.decoder import Decoder
+from warp_neural.texture.file import coded_bits
+from warp_neural.texture.maps import TextureSet, load_set, mip_chain, without_hidden
+from warp_neural.texture.measure import channel_errors, psnr
+from warp_neural.texture.presets import QUALITIES, Effort, effort_of, precision_for, spec_of, weight_for
+from warp_neural.texture.search import Goal, find, meet, next_weight
+from warp_neural.texture.state import Map
+from warp_neural.texture.texture import Texture
+from warp_neural.texture.trainer import TextureTrainer
+
+BITS_TOLERANCE = 0.02  # of the size; 3 % are promised
+PSNR_TOLERANCE = 0.07  # dB; 0.1 are promised
+PSNR_SLOPE = -2.2  # dB a unit of log(lambda)
+BITS_SLOPE = -0.8
+LONG_RUNS = 2
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be compressed, and with what."""
+
+    maps: tuple[Map, ...]
+    levels: tuple[np.ndarray, ...]
+    targets: list[np.ndarray]
+    weights: tuple[float, ...]
+    device: wp.Device
+    seed: int
+
+    @property
+    def texels(self) -> int:
+        return self.levels[0].shape[0] * self.levels[0].shape[1]
+
+    def spec(self, bits: float) -> TextureSpec:
+        return spec_of(*self.levels[0].shape, len(self.levels), bits)
+
+    def trainer(self, spec: TextureSpec, steps: int, tiles: int, rate_weight: float) -> TextureTrainer:
+        options = {"weights": self.weights, "seed": self.seed, "device": self.device}
+        options |= {"precision": precision_for(rate_weight)}
+        return TextureTrainer(spec, self.targets, rate_weight=rate_weight, steps=steps, tiles=tiles, **options)
+
+    def log_bits(self, trainer: TextureTrainer, finished: bool) -> float:
+        """Of a texel of mip 0, when finished everything counted."""
+        if not finished:
+            return log(max(trainer.bits, 1e-6))
+        return log(coded_bits(trainer.state(self.maps), self.device) / self.texels)
+
+    def psnr(self, trainer: TextureTrainer, finished: bool) -> float:
+        """Of mip 0, in dB."""
+        if not finished:
+            return -10 * np.log10(max(trainer.loss, 1e-12))
+        return psnr(self.levels[0], Decoder(trainer.state(self.maps), self.device).decode())
+
+
+def compress(
+    source: Any,
+    *,
+    bpp: float | None = None,
+    psnr: float | None = None,
+    size: int | None = None,
+    quality: Literal["low", "medium", "high"] | None = None,
+    preview: bool = False,
+    mips: int | None = None,
+    weights: Mapping[str, float] | None = None,
+    device: wp.DeviceLike = None,
+    seed: int = 0,
+    checkpoint: Path | None = None,
+    quiet: bool = False,
+) -> Texture:
+    """A material's maps in a few quantised latent textures and one tiny network.
+
+    source: what `load_set` takes, a folder, files, arrays or a `Material`, or a `TextureSet`. At most one goal: bpp,
+    bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
+    together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB. preview: fewer
+    steps. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1 if not
+    given.
+
+    Raises `InputError` for goals that cannot be met.
+    """
+    begin = time.perf_counter()
+    texture_set = load_set(source)
+    job = _job(texture_set, mips, weights, find_device(device), seed)
+    effort = effort_of(job.device, preview)
+    goal, bits = _goal(job, bpp, psnr, size, quality)
+    options = {"quiet": quiet}
+    make = partial(job.trainer, job.spec(bits), effort.steps, effort.tiles)
+    if goal is None:
+        trainer = make(QUALITIES[quality or "medium"])
+        trainer.run(**options)
+    else:
+        trainer = _search(job, goal, bits, effort, options)
+    state = trainer.state(job.maps)
+    texture = Texture(state, job.device)
+    errors = _errors(texture, job)
+    extra = errors | {"seconds": round(time.perf_counter() - begin, 3), "steps": trainer.steps}
+    return texture.with_metrics(extra | {"rate_weight": float(f"{trainer.rate_weight:.4g}")})
+
+
+def _search(job: Job, goal: Goal, bits: float, effort: Effort, options: dict) -> TextureTrainer:
+    """Short runs, then the long one; if that misses the goal by much, once more from what it has shown."""
+    spec = job.spec(bits)
+    short, long = (partial(job.trainer, spec, steps, effort.tiles) for steps in (effort.probe, effort.steps))
+    last, weight, slope = find(short, weight_for(bits), goal, **options)
+    for _ in range(LONG_RUNS):
+        trainer = long(weight)
+        last = meet(trainer, goal, last, slope, **options)
+        weight = next_weight(last, goal, slope)
+        if abs(last.result - goal.value) <= goal.tolerance:
+            break
+    return trainer
+
+
+def _job(
+    texture_set: TextureSet, mips: int | None, weights: Mapping[str, float] | None, device: wp.Device, seed: int
+) -> Job:
+    levels = mip_chain(texture_set, mips or len(texture_set.levels))
+    names = [each.name for each in texture_set.maps]
+    for name, value in (weights or {}).items():
+        require(name in names, "weights", name, f"names of maps, {', '.join(names)}")
+        require(is_finite(value) and value >= 0, f"weights: {name}", value, "a finite number, not negative")
+    by_channel = [(weights or {}).get(each.name, 1.0) for each in texture_set.maps for _ in each.trained]
+    targets = without_hidden(levels, texture_set.maps)
+    return Job(texture_set.maps, tuple(levels), targets, tuple(by_channel) if weights else (), device, seed)
+
+
+def _goal(
+    job: Job, bpp: float | None, psnr: float | None, size: int | None, quality: str | None
+) -> tuple[Goal | None, float]:
+    """And about how many bits a texel it takes."""
+    given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
+    named = [name for name, value in given.items() if value is not None]
+    if len(named) > 1:
+        raise InputError(f"{' and '.join(named)}: each chooses how good and how large it is; give one of them")
+    if quality is not None:
+        require(quality in QUALITIES, "quality", quality, f"one of {', '.join(QUALITIES)}")
+    for name in ("bpp", "psnr", "size"):
+        value = given[name]
+        if value is not None:
+            require(is_finite(value) and value > 0, name, value, "a positive number")
+    if psnr is not None:
+        return Goal(job.psnr, psnr, PSNR_SLOPE, PSNR_TOLERANCE), 2.0 if psnr < 30 else 4.0
+    if bpp is None and size is None:
+        return None, {"low": 1.0}.get(quality, 4.0)
+    bits = bpp if bpp is not None else 8 * size / job.texels
+    return Goal(job.log_bits, log(bits), BITS_SLOPE, BITS_TOLERANCE), bits
+
+
+def _errors(texture: Texture, job: Job) -> dict[str, Any]:
+    """Of mip 0 by map, and the PSNR of each mip."""
+    results = [texture.decoder.decode(mip) for mip in range(len(job.levels))]
+    errors = channel_errors(job.levels[0], results[0], job.maps)
+    return errors | {"psnr_of_mips": [psnr(a, b) for a, b in zip(job.levels, results, strict=True)]}

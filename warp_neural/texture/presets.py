@@ -1,0 +1,46 @@
+"""Grids for few and for many bits, and how long to train."""
+
+from dataclasses import dataclass, replace
+
+import warp as wp
+
+from warp_neural.kernels.texture.spec import Grid, TextureSpec
+
+FEW = Grid(4, 24), Grid(8, 16, "separable"), Grid(16, 8, "bilinear")
+MANY = Grid(2, 12), Grid(4, 16), Grid(8, 12, "separable"), Grid(16, 8, "bilinear")
+MANY_FROM = 2.0  # bits a texel
+QUALITIES = {"low": 1.5e-3, "medium": 3e-4, "high": 6e-5}
+"""lambda: mean squared error that a bit a texel is worth"""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Steps of the run and of each probe, of `tiles` squares of 32 x 32 texels."""
+
+    steps: int
+    probe: int
+    tiles: int
+
+
+def effort_of(device: wp.Device, preview: bool) -> Effort:
+    if device.is_cuda:
+        return Effort(4_000, 1_000, 64) if preview else Effort(20_000, 2_500, 64)
+    return Effort(5_000, 1_000, 4) if preview else Effort(36_000, 2_500, 4)
+
+
+def spec_of(height: int, width: int, channels: int, mips: int, bits: float) -> TextureSpec:
+    """bits: a texel of mip 0, about."""
+    grids = FEW if bits < MANY_FROM else MANY
+    if mips > 1:  # the level of detail takes an input
+        grids = (*grids[:-1], replace(grids[-1], channels=grids[-1].channels - 1))
+    return TextureSpec(height, width, channels, mips, grids)
+
+
+def weight_for(bits: float) -> float:
+    """A first guess of lambda for so many bits a texel, from what pictures of stone, brick and metal take."""
+    return 1.1e-3 / bits**1.4
+
+
+def precision_for(rate_weight: float) -> float:
+    """Finer steps of the weights where errors are small: rms / 12 at a bit a texel, / 64 from 7 bits."""
+    return 12.0 if rate_weight > 5e-4 else 32.0 if rate_weight > 5e-5 else 64.0

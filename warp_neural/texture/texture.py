@@ -1,0 +1,91 @@
+"""`Texture`: a neural texture on a device: whole maps, texels for kernels, files."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warp_neural.errors import find_device
+from warp_neural.kernels.texture.texel import make_sample, make_stored
+from warp_neural.texture.decoder import Decoder
+from warp_neural.texture.file import load_state, save_state
+from warp_neural.texture.kinds import to_maps
+from warp_neural.texture.state import TextureState
+
+
+class Texture:
+    """state: all that it is, on the host. In kernels that take `params: texture.Params`, launched with
+    `texture.params`, any thread calls `texture.texel(params, i, j, mip)` or `texture.sample(params, uv, lod)`.
+
+    `texture.channels` says where in their result each map's channels are: as stored (`Map`), without those that are
+    constant.
+    """
+
+    def __init__(self, state: TextureState, device: wp.DeviceLike = None):
+        self.state, self.device = state, find_device(device)
+
+    def __repr__(self) -> str:
+        spec, names = self.state.spec, ", ".join(each.name for each in self.state.maps)
+        return f"Texture({names}, {spec.width} x {spec.height}, {spec.mips} mips, {self.device.alias})"
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """What was measured when it was made: PSNR in dB of mip 0, of each map and of each mip, seconds."""
+        return dict(self.state.extra)
+
+    def with_metrics(self, metrics: Mapping[str, Any]) -> "Texture":
+        self.state = replace(self.state, extra=dict(metrics))
+        return self
+
+    @cached_property
+    def decoder(self) -> Decoder:
+        return Decoder(self.state, self.device)
+
+    def decode(self, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> dict[str, np.ndarray]:
+        """Each map as stored, float32 [height, width, channels]. rectangle: left, top, width, height, in texels."""
+        return to_maps(self.decoder.decode(mip, rectangle), self.state.maps)
+
+    def save(self, path: Path | str) -> dict[str, int]:
+        """Write a .wntc file, whole or not at all; returns its bytes by part."""
+        return save_state(path, self.state, self.device)
+
+    @property
+    def Params(self) -> Any:
+        return self.decoder.Params
+
+    @property
+    def params(self) -> Any:
+        return self.decoder.params
+
+    @cached_property
+    def channels(self) -> dict[str, tuple[int, ...]]:
+        """Of each map, where its channels are in a texel."""
+        places, start = {}, 0
+        for each in self.state.maps:
+            places[each.name] = tuple(range(start, start + len(each.trained)))
+            start += len(each.trained)
+        return places
+
+    @cached_property
+    def texel(self) -> wp.Function:
+        """`(params, i: int, j: int, mip: int) -> vec`: row i and column j, which wrap, of a level."""
+        ranges = [(each.low[c], each.high[c], each.kind == "hdr") for each in self.state.maps for c in each.trained]
+        return make_stored(self.decoder.texel, self.state.spec.channels, tuple(ranges), self.Params)
+
+    @cached_property
+    def sample(self) -> wp.Function:
+        """`(params, uv: vec2, lod: float) -> vec`: bilinear in the two levels beside `lod`, blended; eight texels.
+
+        uv: (0, 0) is the upper left corner of the texture, (1, 1) the lower right one; wraps.
+        """
+        return make_sample(self.texel, self.state.spec, self.Params)
+
+
+def load(path: Path | str, device: wp.DeviceLike = None) -> Texture:
+    """A .wntc file. Raises `InputError` for one that is damaged."""
+    device = find_device(device)
+    return Texture(load_state(path, device), device)
