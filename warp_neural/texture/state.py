@@ -72,7 +72,8 @@ class TextureState:
         for mip in range(spec.mips):
             for g, grid in enumerate(spec.grids):
                 latents, shape = self.latents[mip][g], (*spec.cells(mip, g), grid.channels)
-                if latents.shape != shape or latents.dtype != np.int8 or np.abs(latents.astype(int)).max() > grid.limit:
+                fits = latents.shape == shape and latents.dtype == np.int8
+                if not fits or max(int(latents.max()), -int(latents.min())) > grid.limit:
                     raise InputError(f"latents of mip {mip}, grid {g}: expected int8 {shape} up to {grid.limit}")
         for name, shape in spec.tensors.items():
             if name not in self.tensors or self.tensors[name].integers.shape != shape:

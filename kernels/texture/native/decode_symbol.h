@@ -1,0 +1,20 @@
+// The next symbol of a stream, `value`: an entry of `table`, nearest to `centre` first, first towards `phase`, or after
+// its last entry RAW_BITS bits as they are. Constant: RAW_BITS. Names: start_decoding.h, and value.
+
+{
+    unsigned slot = state & 0xffffu;
+    int j = 1;
+    while (table[j] < slot) ++j;
+    const unsigned start = (table[j - 1] + 1u) & 0xffffu;
+    state = (table[j] + 1u - start) * (state >> 16) + slot - start;
+    while (state < 1u << 23) state = state << 8 | (at < end ? *at++ : (damaged = true, 255u));
+    if (table[j] != 0xffffu) {
+        const int from = j & 1 ? -(j >> 1) : j >> 1;
+        value = centre + (phase < 0 ? -from : from);
+    } else {
+        slot = state & 0xffffu;
+        value = (int)(slot >> (16 - RAW_BITS)) - (1 << (RAW_BITS - 1));
+        state = (state >> 16 << (16 - RAW_BITS)) + (slot & ((1u << (16 - RAW_BITS)) - 1u));
+        while (state < 1u << 23) state = state << 8 | (at < end ? *at++ : (damaged = true, 255u));
+    }
+}

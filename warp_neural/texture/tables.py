@@ -1,0 +1,88 @@
+"""Tables of the entropy coder, the same on every machine: made from correctly rounded exponentials by integers alone.
+
+A table has 0xFFFF, then for each symbol the last of its values of 0 to 65535: of the nearest to the centre first, then
+by turns above and below, last of all of the symbols that it does not have. 96 scales, eight to an octave from 1/64.
+"""
+
+from decimal import Decimal, localcontext
+from functools import cache
+from itertools import accumulate
+
+import numpy as np
+
+SCALES = 96
+PHASES = 5  # eighths of a step from a symbol to the centre, 0 to 4
+LAPLACE, GAUSS = 0, 1
+
+
+def scale_of(which: int) -> Decimal:
+    """The middle of the scales of one table: 1/64 to 64 steps."""
+    return Decimal(2 ** (which // 8) * (17 + 2 * (which % 8))) / 1024
+
+
+def reach(which: int) -> int:
+    """The largest symbol of a table and its smallest, negated."""
+    return int(6 * scale_of(which)) + 2
+
+
+@cache
+def laplace_tables() -> tuple[np.ndarray, np.ndarray]:
+    """(all tables uint16, of each scale in turn those of its phases; int32 where each begins, and the end)."""
+    return joined([laplace(which, phase) for which in range(SCALES) for phase in range(PHASES)])
+
+
+def joined(tables: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
+    offsets = np.cumsum([0, *map(len, tables)], dtype=np.int32)
+    return np.concatenate([np.array(table, np.uint16) for table in tables]), offsets
+
+
+@cache
+def _tails(which: int) -> list[int]:
+    """2^32 exp(-t / 8 b) of t = 0, 1, ..., rounded down after each product."""
+    one = rounded_exponential(1, 8 * scale_of(which))
+    return list(accumulate(range(8 * reach(which) + 8), lambda tail, _: tail * one >> 32, initial=1 << 32))
+
+
+def laplace(which: int, phase: int) -> list[int]:
+    """Of the Laplace distribution around a centre `phase` eighths above symbol 0."""
+    tails = _tails(which)
+
+    def mass(symbol: int) -> int:
+        low, high = 8 * symbol - 4 - phase, 8 * symbol + 4 - phase
+        if low >= 0:
+            return tails[low] - tails[high] >> 1
+        return tails[-high] - tails[-low] >> 1 if high <= 0 else (1 << 32) - (tails[-low] + tails[high] >> 1)
+
+    return _table([mass(symbol) for symbol in in_order(reach(which))], 1 << 32)
+
+
+@cache
+def gauss(which: int) -> list[int]:
+    """Of the normal distribution around symbol 0, whose standard deviation is the scale."""
+    variance = 2 * scale_of(which) ** 2
+    masses = [rounded_exponential(symbol**2, variance) for symbol in in_order(reach(which))]
+    return _table(masses, sum(masses))
+
+
+def ones(share: int) -> list[int]:
+    """Of 0 and 1; share: of ones, in 64ths, 1 to 63."""
+    return _table([64 - share, share], 64)
+
+
+def in_order(reach: int) -> list[int]:
+    """0, 1, -1, 2, -2, ..."""
+    return [0, *(sign * symbol for symbol in range(1, reach + 1) for sign in (1, -1))]
+
+
+def _table(masses: list[int], whole: int) -> list[int]:
+    """At least 1 of 65536 for each symbol, 16 for all that the table does not have."""
+    share = 65520 - len(masses)
+    lasts = accumulate((1 + mass * share // whole for mass in masses), initial=-1)
+    return [0xFFFF, *list(lasts)[1:], 0xFFFF]
+
+
+def rounded_exponential(numerator: int, denominator: Decimal) -> int:
+    """2^32 exp(-numerator / denominator) to the nearest whole number; `Decimal` rounds correctly, to 40 digits here."""
+    with localcontext() as context:
+        context.prec = 40
+        return int(((-numerator / denominator).exp() * 2**32).to_integral_value())
