@@ -58,7 +58,7 @@ class Job:
         """Of a texel of mip 0, when finished everything counted."""
         if not finished:
             return log(max(trainer.bits, 1e-6))
-        return log(coded_bits(trainer.state(self.maps), self.device) / self.texels)
+        return log(coded_bits(trainer.state(self.maps)) / self.texels)
 
     def psnr(self, trainer: TextureTrainer, finished: bool) -> float:
         """Of mip 0, in dB."""

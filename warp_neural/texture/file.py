@@ -24,7 +24,7 @@ from warp_neural.texture.state import Tensor, TextureState
 
 MAGIC, VERSION = b"WNTC", 1
 BLOCK = 256  # texels of a block's side
-STEPS, QUICK_STEPS = 200, 60  # of fitting the contexts
+STEPS, QUICK_STEPS = 200, 100  # of fitting the contexts
 
 Latents = Sequence[Sequence[np.ndarray]]
 

@@ -51,7 +51,7 @@ class Texture:
 
     def save(self, path: Path | str) -> dict[str, int]:
         """Write a .wntc file, whole or not at all; returns its bytes by part."""
-        return save_state(path, self.state, self.device)
+        return save_state(path, self.state)
 
     @property
     def Params(self) -> Any:
