@@ -64,6 +64,7 @@ def test_a_room_keeps_the_protocol(room):
 CHOICES = [
     ((64, 64, 3, 16), {}, "Hopper64", 227, 163),
     ((64, 64, 3, 16), {"format": BFLOAT16, "activation": activations.leaky_relu}, "Hopper64", 227, 163),
+    ((64, 64, 3, 16), {"activation": activations.elu}, "Hopper64", 227, 163),
     ((64, 64, 3, 16), {"activation": activations.gelu}, "Mma", 163, 163),
     ((64, 64, 4, 16), {}, "Mma", 163, 163),
     ((64, 64, 3, 17), {}, "Mma", 163, 163),

@@ -32,8 +32,9 @@ def test_grids(g, tmp_path):
         compiles(kernel, 90, tmp_path)
 
 
-def test_network(tmp_path):
+def test_network(tmp_path, monkeypatch):
     """By warpgroups, and updated in one launch."""
+    monkeypatch.setattr(wp.config, "cuda_arch_suffix", "a")
     spec = NetworkSpec((SPEC.n_in, 64, 64, 8), elu, format=FLOAT16)
     schedule = choose_schedule(spec, 90, 227 * 1024)
     assert type(schedule).__name__ == "Hopper64Schedule"

@@ -15,6 +15,8 @@ CASES = [
     (32, 2, 20, 17, "bfloat16", "float32", activations.relu, 33),
     (32, 2, 2, 3, "float32", "float32", activations.silu, 100),
     (64, 2, 64, 16, "float16", "float32", activations.gelu, 600),
+    (64, 2, 48, 9, "float16", "float32", activations.elu, 600),
+    (32, 3, 7, 3, "bfloat16", "float32", activations.elu, 300),
     (64, 3, 10, 1, "float16", "float32", activations.relu, 1),
     (64, 4, 40, 5, "float16", "float32", activations.tanh, 200),
     (20, 2, 3, 3, "float16", "float32", activations.sine, 100),

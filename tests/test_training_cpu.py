@@ -68,6 +68,7 @@ def true_gradient(net, x, target):
 # n_in, n_out, width, depth, hidden and output activation, precision: each activation once
 CASES = [
     (2, 3, 16, 0, A.linear, A.squareplus, "float32"),
+    (9, 3, 20, 2, A.elu, A.elu, "float16"),
     (7, 1, 16, 1, A.gelu, A.exponential, "float32"),
     (5, 16, 20, 2, A.leaky_relu, A.sigmoid, "float32"),
     (48, 3, 32, 5, A.relu, A.linear, "float32"),

@@ -28,6 +28,7 @@ CASES = [
     (64, 2, 64, 16, "float16", "float32", activations.relu, 700),
     (64, 2, 50, 9, "bfloat16", "float32", activations.relu, 300),
     (64, 3, 64, 8, "float16", "float16", activations.leaky_relu, 70000),
+    (64, 2, 48, 9, "float16", "float32", activations.elu, 1000),
     (64, 3, 33, 5, "float16", "float32", activations.linear, 129),
     (128, 1, 128, 16, "float16", "float32", activations.relu, 500),
     (128, 2, 64, 3, "float16", "float16", activations.leaky_relu, 130),
