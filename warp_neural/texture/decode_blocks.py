@@ -42,10 +42,10 @@ def _cells(file: "TextureFile", mip: int, grid: int, rectangle: Rectangle | None
     rows, columns = file.spec.cells(mip, grid)
     if rectangle is None:
         return range(rows), range(columns)
-    top, left, height, width = rectangle
+    left, top, width, height = rectangle
     tall, wide = file.spec.size(mip)
     if not (0 <= top < top + height <= tall and 0 <= left < left + width <= wide):
-        raise InputError(f"rectangle={rectangle}: expected top, left, height, width within {tall} x {wide} texels")
+        raise InputError(f"rectangle={rectangle}: mip {mip} is {wide} x {tall}; choose left, top, width, height inside")
     scale = file.spec.grids[grid].scale
     return tuple(range(at // scale, (at + n - 1) // scale + 2) for at, n in ((top, height), (left, width)))
 

@@ -86,7 +86,7 @@ class TextureFile:
     def latents(
         self, mip: int, rectangle: tuple[int, int, int, int] | None = None, device: wp.DeviceLike = "cpu"
     ) -> tuple[np.ndarray, ...]:
-        """int8 [rows, columns, channels] of each grid of a mip; of a rectangle (top, left, height, width, in texels of
+        """int8 [rows, columns, channels] of each grid of a mip; of a rectangle (left, top, width, height, in texels of
         the mip) the cells that it reads: of top // scale to one beyond (top + height - 1) // scale, wrapping."""
         return decode_mip(self, mip, rectangle, device)
 
