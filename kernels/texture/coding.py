@@ -20,6 +20,7 @@ const signed char* const parents = (const signed char*)parents_.data;
 const int* const context = context_.data;
 const unsigned short* const tables = tables_.data;
 const int* const offsets = offsets_.data;
+int* const space = space_.data + space_.shape[1] * which_space;
 const int rows = latents_.shape[0], columns = latents_.shape[1], channels = latents_.shape[2];
 const int parent_rows = parents_.shape[0], parent_columns = parents_.shape[1], parent_channels = parents_.shape[2];
 const int row_end = row + side < rows ? row + side : rows;
@@ -39,6 +40,10 @@ _READ = "const unsigned char *at = data.data + first, *const end = at + size;\n"
 _WRITE = "unsigned* const notes = notes_.data;\nint count = 0;\n"
 _FINISH = "unsigned char* const bytes_end = bytes.data + bytes.shape[0];\n" + paste(NATIVE / "write_notes.h")
 _WHOLE = "return damaged || state != 1u << 23 || at != end;\n"
+
+
+def space_words(side: int) -> int:
+    return 56 * side + 72
 
 
 def _symbol(name: str, bits: int) -> str:
@@ -69,19 +74,19 @@ def decode_blocks_kernel() -> wp.Kernel:
     def decode(
         data: wp.array[wp.uint8], first: int, size: int, row: int, column: int, side: int, ratio: int,
         latents_: wp.array3d[wp.int8], parents_: wp.array3d[wp.int8], context_: wp.array[int],
-        tables_: wp.array[wp.uint16], offsets_: wp.array[int],
+        tables_: wp.array[wp.uint16], offsets_: wp.array[int], space_: wp.array2d[int], which_space: int,
     ) -> int: ...  # fmt: skip
 
     @wp.kernel(module="unique", enable_backward=False)
     def decode_blocks(
         data: wp.array[wp.uint8], blocks: wp.array2d[int], side: int, ratio: int, latents: wp.array3d[wp.int8],
         parents: wp.array3d[wp.int8], context: wp.array[int], tables: wp.array[wp.uint16], offsets: wp.array[int],
-        damaged: wp.array[int],
+        space: wp.array2d[int], damaged: wp.array[int],
     ):  # fmt: skip
         i = wp.tid()
         row, column, first, size = blocks[i, 0], blocks[i, 1], blocks[i, 2], blocks[i, 3]
         damaged[i] = decode(
-            data, first, size, row, column, side, ratio, latents, parents, context, tables, offsets
+            data, first, size, row, column, side, ratio, latents, parents, context, tables, offsets, space, i
         )  # fmt: skip
 
     return decode_blocks
@@ -96,16 +101,16 @@ def encode_block_kernel() -> wp.Kernel:
     def encode(
         bytes: wp.array[wp.uint8], notes_: wp.array[wp.uint32], row: int, column: int, side: int, ratio: int,
         latents_: wp.array3d[wp.int8], parents_: wp.array3d[wp.int8], context_: wp.array[int],
-        tables_: wp.array[wp.uint16], offsets_: wp.array[int],
+        tables_: wp.array[wp.uint16], offsets_: wp.array[int], space_: wp.array2d[int], which_space: int,
     ) -> int: ...  # fmt: skip
 
     @wp.kernel(module="unique", enable_backward=False)
     def encode_block(
         bytes: wp.array[wp.uint8], notes: wp.array[wp.uint32], row: int, column: int, side: int, ratio: int,
         latents: wp.array3d[wp.int8], parents: wp.array3d[wp.int8], context: wp.array[int],
-        tables: wp.array[wp.uint16], offsets: wp.array[int], size: wp.array[int],
+        tables: wp.array[wp.uint16], offsets: wp.array[int], space: wp.array2d[int], size: wp.array[int],
     ):  # fmt: skip
-        size[0] = encode(bytes, notes, row, column, side, ratio, latents, parents, context, tables, offsets)
+        size[0] = encode(bytes, notes, row, column, side, ratio, latents, parents, context, tables, offsets, space, 0)
 
     return encode_block
 

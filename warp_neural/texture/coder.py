@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from warp_neural.kernels.texture.coding import decode_blocks_kernel, encode_block_kernel, numbers_kernels
+from warp_neural.kernels.texture.coding import decode_blocks_kernel, encode_block_kernel, numbers_kernels, space_words
 from warp_neural.texture.tables import laplace_tables
 
 
@@ -22,6 +22,7 @@ def encode_grid(
     inputs = [wp.array(each, device="cpu") for each in (latents, parents, context, *laplace_tables())]
     notes, space = wp.empty(most, wp.uint32, "cpu"), wp.empty(3 * most + 4, wp.uint8, "cpu")
     size, streams = wp.empty(1, int, "cpu"), []
+    inputs.append(wp.empty((1, space_words(side)), int, "cpu"))
     for row, column in blocks:
         if not latents[row : row + side, column : column + side].any():
             streams.append(b"")
@@ -42,6 +43,7 @@ def decode_grid(
     device = latents.device
     damaged = wp.zeros(len(blocks), int, device)
     tables = [wp.array(each, device=device) for each in (context, *laplace_tables())]
+    tables.append(wp.empty((len(blocks), space_words(side)), int, device))
     place = [data, wp.array(blocks, dtype=int, device=device), side, _ratio(latents, parents)]
     wp.launch(decode_blocks_kernel(), len(blocks), [*place, latents, parents, *tables, damaged], device=device)
     return damaged.numpy() != 0

@@ -2,7 +2,8 @@
 // channels inside. CODE stands for the text that reads or writes the latent: from `table`, `centre` and `phase` it sets
 // `latent` and stores it in here[c]. docs/wntc.md states the same in words. Integers only: every machine has the same.
 // Names: latents [rows, columns, channels], parents [parent_rows, parent_columns, parent_channels], a context's
-// numbers one after the other in `context`, `tables` and their `offsets`, ratio of a parent's cell to a latent's.
+// numbers one after the other in `context`, `tables` and their `offsets`, ratio of a parent's cell to a latent's, side of
+// whole blocks in cells, space for 56 side + 72 ints.
 
 const int n = channels, lanes = (n + 7) & ~7;  // eight side by side: one vector of CPUs; the context has zeros between
 const int* __restrict__ const scale_0 = context;
@@ -12,8 +13,12 @@ const int* __restrict__ const mean_near = scale_near + 6 * lanes;
 const int* __restrict__ const scale_of = mean_near + 6 * lanes;
 const int* __restrict__ const mean_of = scale_of + n * lanes;
 const int* __restrict__ const scale_parent = mean_of + n * lanes;
-int scale[32], mean[32], of_parents[256][32];
-signed char recent[3][259][32] = {{{0}}};  // this row and two before, from two columns to the left to one to the right
+int scale[32], mean[32];
+int* __restrict__ const of_parents = space;  // of each parent of the row, [., 32]
+// This row and two before, from two columns to the left to one to the right, [3, side + 3, 32].
+signed char* __restrict__ const recent = (signed char*)(space + 32 * side);
+const int pitch = 32 * (side + 3);
+for (int i = 0; i < 3 * pitch; ++i) recent[i] = 0;
 for (int y = row; y < row_end; ++y) {
     if ((y & (ratio - 1)) == 0) {
         const int up = y / ratio, down = up + 1 < parent_rows ? up + 1 : 0;
@@ -23,7 +28,7 @@ for (int y = row; y < row_end; ++y) {
             const signed char* const b = parents + ((long long)up * parent_columns + right) * parent_channels;
             const signed char* const d = parents + ((long long)down * parent_columns + left) * parent_channels;
             const signed char* const e = parents + ((long long)down * parent_columns + right) * parent_channels;
-            int* __restrict__ const sum = of_parents[left - column / ratio];
+            int* __restrict__ const sum = of_parents + 32 * (left - column / ratio);
             for (int c = 0; c < lanes; ++c) sum[c] = scale_0[c];
             for (int p = 0; p < parent_channels; ++p) {
                 const int sizes = (a[p] < 0 ? -a[p] : a[p]) + (b[p] < 0 ? -b[p] : b[p]) + (d[p] < 0 ? -d[p] : d[p]) +
@@ -33,14 +38,14 @@ for (int y = row; y < row_end; ++y) {
             }
         }
     }
-    signed char (*const row_0)[32] = recent[y % 3] + 2;
-    const signed char (*const row_1)[32] = recent[(y + 2) % 3] + 2;
-    const signed char (*const row_2)[32] = recent[(y + 1) % 3] + 2;
-    const int* above = of_parents[0];
+    signed char* const row_0 = recent + y % 3 * pitch + 64;
+    const signed char* const row_1 = recent + (y + 2) % 3 * pitch + 64;
+    const signed char* const row_2 = recent + (y + 1) % 3 * pitch + 64;
+    const int* above = of_parents;
     for (int x = column; x < column_end; ++x) {
-        const int i = x - column;
-        const signed char* const near[6] = {row_0[i - 1], row_1[i],     row_1[i - 1],
-                                            row_1[i + 1], row_0[i - 2], row_2[i]};
+        const int i = 32 * (x - column);
+        const signed char* const near[6] = {row_0 + i - 32, row_1 + i,      row_1 + i - 32,
+                                            row_1 + i + 32, row_0 + i - 64, row_2 + i};
         for (int v = 0; v < lanes; v += 8) {
             int s[8], m[8];
             for (int c = 0; c < 8; ++c) s[c] = above[v + c];
@@ -70,7 +75,7 @@ for (int y = row; y < row_end; ++y) {
             const unsigned short* const table = tables + offsets[which];
             int latent;
             CODE
-            row_0[i][c] = (signed char)latent;
+            row_0[i + c] = (signed char)latent;
             if (latent) {
                 const int size = latent < 0 ? -latent : latent;
                 for (int v = c & ~7; v < lanes; v += 8)
