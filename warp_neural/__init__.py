@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import tomllib
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
@@ -67,4 +68,11 @@ __all__ = [
     "save_network",
     "save_rtxns",
     "sort_by_network",
+    "texture",
 ]
+
+
+def __getattr__(name: str):
+    if name == "texture":  # reads much that the rest does without
+        return import_module("warp_neural.texture")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

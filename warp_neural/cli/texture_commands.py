@@ -167,14 +167,14 @@ def describe_file(path: Path) -> dict:
     from warp_neural import texture
 
     loaded = texture.load(path, "cpu")
-    return {"format": "wntc", **describe_texture(loaded.state, {"file": path.stat().st_size}, loaded.metrics)}
+    return {"format": "wntc", **describe_texture(loaded.state, {"all": path.stat().st_size}, loaded.metrics)}
 
 
-def describe_texture(state: TextureState, parts: dict[str, int], metrics: dict) -> dict:
+def describe_texture(state: TextureState, parts: dict[str, Any], metrics: dict) -> dict:
     """Of a neural texture in a file: parts, its bytes by part; metrics, what was measured when it was made."""
     spec, texels = state.spec, state.spec.height * state.spec.width
-    total = sum(parts.values())
-    bits = {name: 8 * count / texels for name, count in parts.items()}
+    total = parts["all"]
+    bits = {name: 8 * int(np.sum(count)) / texels for name, count in parts.items()}
     return {
         "width": spec.width,
         "height": spec.height,

@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from math import log
+from math import log, log10
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,9 +16,10 @@ from warp_neural.kernels.errors import is_finite, require
 from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import coded_bits
+from warp_neural.texture.levels import padded_sizes
 from warp_neural.texture.maps import TextureSet, load_set, mip_chain, without_hidden
 from warp_neural.texture.measure import channel_errors, psnr
-from warp_neural.texture.presets import QUALITIES, Effort, effort_of, precision_for, spec_of, weight_for
+from warp_neural.texture.presets import QUALITIES, Effort, beside_latents, effort_of, precision_for, spec_of, weight_for
 from warp_neural.texture.search import Goal, find, meet, next_weight
 from warp_neural.texture.state import Map
 from warp_neural.texture.texture import Texture
@@ -28,6 +29,8 @@ BITS_TOLERANCE = 0.02  # of the size; 3 % are promised
 PSNR_TOLERANCE = 0.07  # dB; 0.1 are promised
 PSNR_SLOPE = -2.2  # dB a unit of log(lambda)
 BITS_SLOPE = -0.8
+SURE = 0.75  # of what is expected beside latents
+CODED = 0.93  # of the trainer's bits, after contexts are fitted
 LONG_RUNS = 2
 
 
@@ -49,21 +52,27 @@ class Job:
     def spec(self, bits: float) -> TextureSpec:
         return spec_of(*self.levels[0].shape, len(self.levels), bits)
 
-    def trainer(self, spec: TextureSpec, steps: int, tiles: int, rate_weight: float) -> TextureTrainer:
-        options = {"weights": self.weights, "seed": self.seed, "device": self.device}
-        options |= {"precision": precision_for(rate_weight)}
+    def trainer(
+        self, spec: TextureSpec, precision: float, steps: int, tiles: int, rate_weight: float
+    ) -> TextureTrainer:
+        options = {"weights": self.weights, "seed": self.seed, "device": self.device, "precision": precision}
         return TextureTrainer(spec, self.targets, rate_weight=rate_weight, steps=steps, tiles=tiles, **options)
 
-    def log_bits(self, trainer: TextureTrainer, finished: bool) -> float:
-        """Of a texel of mip 0, when finished everything counted."""
-        if not finished:
-            return log(max(trainer.bits, 1e-6))
-        return log(coded_bits(trainer.state(self.maps)) / self.texels)
+    def log_bits(self, trainer: TextureTrainer, rest: float) -> float:
+        """Of all latents, as the trainer counts them, and `rest`."""
+        texels = int(padded_sizes(trainer.spec).prod(1).sum())
+        return log(CODED * trainer.bits * texels + rest)
 
-    def psnr(self, trainer: TextureTrainer, finished: bool) -> float:
+    def log_coded(self, trainer: TextureTrainer, less: float) -> float:
+        """Of the file less what it surely holds beside latents."""
+        return log(max(coded_bits(trainer.state(self.maps)) - less, 1.0))
+
+    def estimated_psnr(self, trainer: TextureTrainer) -> float:
+        """Of the levels that are trained, in dB."""
+        return -10 * log10(max(trainer.loss, 1e-12))
+
+    def psnr(self, trainer: TextureTrainer) -> float:
         """Of mip 0, in dB."""
-        if not finished:
-            return -10 * np.log10(max(trainer.loss, 1e-12))
         return psnr(self.levels[0], Decoder(trainer.state(self.maps), self.device).decode())
 
 
@@ -98,9 +107,9 @@ def compress(
     effort = effort_of(job.device, preview)
     goal, bits = _goal(job, bpp, psnr, size, quality)
     options = {"quiet": quiet}
-    make = partial(job.trainer, job.spec(bits), effort.steps, effort.tiles)
     if goal is None:
-        trainer = make(QUALITIES[quality or "medium"])
+        weight = QUALITIES[quality or "medium"]
+        trainer = job.trainer(job.spec(bits), precision_for(weight), effort.steps, effort.tiles, weight)
         trainer.run(**options)
     else:
         trainer = _search(job, goal, bits, effort, options)
@@ -113,8 +122,8 @@ def compress(
 
 def _search(job: Job, goal: Goal, bits: float, effort: Effort, options: dict) -> TextureTrainer:
     """Short runs, then the long one; if that misses the goal by much, once more from what it has shown."""
-    spec = job.spec(bits)
-    short, long = (partial(job.trainer, spec, steps, effort.tiles) for steps in (effort.probe, effort.steps))
+    fixed = job.spec(bits), precision_for(weight_for(bits))
+    short, long = (partial(job.trainer, *fixed, steps, effort.tiles) for steps in (effort.probe, effort.steps))
     last, weight, slope = find(short, weight_for(bits), goal, **options)
     for _ in range(LONG_RUNS):
         trainer = long(weight)
@@ -153,11 +162,22 @@ def _goal(
         if value is not None:
             require(is_finite(value) and value > 0, name, value, "a positive number")
     if psnr is not None:
-        return Goal(job.psnr, psnr, PSNR_SLOPE, PSNR_TOLERANCE), 2.0 if psnr < 30 else 4.0
+        return Goal(job.estimated_psnr, job.psnr, psnr, PSNR_SLOPE, PSNR_TOLERANCE), 1.5 if psnr < 29 else 3.0
     if bpp is None and size is None:
         return None, {"low": 1.0}.get(quality, 4.0)
     bits = bpp if bpp is not None else 8 * size / job.texels
-    return Goal(job.log_bits, log(bits), BITS_SLOPE, BITS_TOLERANCE), bits
+    beside = beside_latents(job.spec(bits), precision_for(weight_for(bits)))
+    latents = bits * job.texels - beside
+    if latents < beside / 8:
+        least = 1.25 * beside
+        raise InputError(
+            f"{named[0]} {given[named[0]]:g}: the network alone takes {beside / 8e3:.1f} kB; give at least "
+            f"{f'{least / job.texels:.3g}' if size is None else f'{least / 8:.0f} bytes'}, or fewer, larger textures"
+        )
+    less, rest = SURE * beside, (1 - SURE) * beside
+    tolerance = BITS_TOLERANCE * bits * job.texels / (latents + rest)
+    measures = partial(job.log_bits, rest=rest), partial(job.log_coded, less=less)
+    return Goal(*measures, log(latents + rest), BITS_SLOPE, tolerance), bits
 
 
 def _errors(texture: Texture, job: Job) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Grids for few and for many bits, and how long to train."""
 
 from dataclasses import dataclass, replace
+from math import log2, prod
 
 import warp as wp
 
@@ -44,3 +45,9 @@ def weight_for(bits: float) -> float:
 def precision_for(rate_weight: float) -> float:
     """Finer steps of the weights where errors are small: rms / 12 at a bit a texel, / 64 from 7 bits."""
     return 12.0 if rate_weight > 5e-4 else 32.0 if rate_weight > 5e-5 else 64.0
+
+
+def beside_latents(spec: TextureSpec, precision: float) -> float:
+    """Bits of a file beside those of its latents, about: weights, contexts, header."""
+    weights = sum(prod(shape) for shape in spec.tensors.values())
+    return weights * (2 + log2(precision)) + 8 * 1200
