@@ -4,6 +4,7 @@ The codec stands aside: what is asked of it is kept, and a texture that holds it
 """
 
 import json
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,10 +18,12 @@ from warp_neural.errors import InputError
 from warp_neural.imaging.image import load_stored, save_image
 from warp_neural.io.files import atomic_path
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
+from warp_neural.texture.file import TextureFile
 from warp_neural.texture.kinds import to_maps
 from warp_neural.texture.maps import TextureSet, load_set, mip_chain
 from warp_neural.texture.state import Tensor, TextureState
 
+GOLDEN = Path(__file__).parent / "golden" / "version_1.wntc"
 RNG = np.random.default_rng(11)
 
 
@@ -180,15 +183,27 @@ def test_maps_sizes_and_one_picture(codec, capfd):
     assert [row["map"] for row in said["maps"]] == ["sky"]
 
 
-def test_info(codec, capfd):
-    made = run(capfd, "compress", "rock", "-o", "rock.wntc")
-    said = run(capfd, "info", "rock.wntc")
-    assert said["format"] == "wntc" and said["bytes"] == 100
-    assert {key: said[key] for key in ("maps", "grids", "hidden", "metrics")} == {
-        key: made[key] for key in ("maps", "grids", "hidden", "metrics")
-    }
-    main(["info", "rock.wntc"])
-    assert "albedo    srgb" in capfd.readouterr().out
+def test_info(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(GOLDEN, "named.wntc")
+    said = run(capfd, "info", "named.wntc")
+    loaded = texture.load(GOLDEN, "cpu")
+    spec, sizes = loaded.state.spec, loaded.save("again.wntc")
+    assert said["format"] == "wntc" and said["bytes"] == GOLDEN.stat().st_size
+    assert (said["height"], said["width"], said["mips"]) == (spec.height, spec.width, spec.mips)
+    assert said["grids"] == [vars(grid) for grid in spec.grids] and said["metrics"] == loaded.metrics
+    assert [row["map"] for row in said["maps"]] == [each.name for each in loaded.state.maps]
+    bits = {name: value * spec.height * spec.width for name, value in said["bits_per_texel_of"].items()}
+    assert sum(bits.values()) == pytest.approx(2 * 8 * said["bytes"])  # the parts, and all
+    again = TextureFile("again.wntc")
+    assert again.sizes == sizes
+    Path("named.wntc").rename("unnamed")
+    assert run(capfd, "info", "unnamed") == said
+    main(["info", "unnamed"])
+    assert "map" in capfd.readouterr().out
+    Path("none.wntc").write_text("no texture")
+    assert "none.wntc: not a neural texture" in refused(capfd, "info", "none.wntc")
+    assert "gone.wntc" in refused(capfd, "info", "gone.wntc")
 
 
 BAD_COMPRESS = [

@@ -13,7 +13,7 @@ import warp as wp
 from warp_neural import __version__, cli
 from warp_neural.cli.ending import ending
 from warp_neural.cli.printing import lines_of
-from warp_neural.cli.texture_commands import Compress, Decompress, describe_file
+from warp_neural.cli.texture_commands import Compress, Decompress, describe_file, is_texture
 from warp_neural.coopvec.combinations import combination_table, supported_combinations
 from warp_neural.errors import InputError
 from warp_neural.io.rtxns import RtxnsNetwork
@@ -43,7 +43,7 @@ class Info(_Command):
     """of any of these forms, recognised by its content"""
 
     def main(self) -> dict:
-        if self.file.suffix.lower() == ".wntc":
+        if is_texture(self.file):
             return describe_file(self.file)
         form = Form.of_file(self.file)
         if form is not Form.SAFETENSORS:

@@ -1,5 +1,7 @@
 """`warp-neural compress` and `decompress`: from a folder of pictures to a neural texture's file, and back."""
 
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,6 +13,7 @@ from warp_neural.cli.options import FOLDER, Between, Options, Seed, resolve_devi
 from warp_neural.cli.quantities import bytes_of, level_of, names_of, rectangle_of, sides_of, weights_of
 from warp_neural.errors import InputError
 from warp_neural.io.files import check_target
+from warp_neural.texture.file import MAGIC, TextureFile
 from warp_neural.texture.maps import TextureSet, load_set
 from warp_neural.texture.save import save_dds_maps, save_maps
 from warp_neural.texture.state import Map, TextureState
@@ -163,14 +166,20 @@ class Decompress(Options):
         return [each for each in maps if names is None or each.name in names]
 
 
+def is_texture(path: Path) -> bool:
+    """By its name or its content."""
+    with suppress(OSError), path.open("rb") as file:
+        return path.suffix.lower() == ".wntc" or file.read(len(MAGIC)) == MAGIC
+    return path.suffix.lower() == ".wntc"
+
+
 def describe_file(path: Path) -> dict:
-    from warp_neural import texture
+    """Without decoding any latents."""
+    file = TextureFile(path)
+    return {"format": "wntc", **describe_texture(file, file.sizes, file.extra)}
 
-    loaded = texture.load(path, "cpu")
-    return {"format": "wntc", **describe_texture(loaded.state, {"all": path.stat().st_size}, loaded.metrics)}
 
-
-def describe_texture(state: TextureState, parts: dict[str, Any], metrics: dict) -> dict:
+def describe_texture(state: TextureState | TextureFile, parts: dict[str, Any], metrics: Mapping) -> dict:
     """Of a neural texture in a file: parts, its bytes by part; metrics, what was measured when it was made."""
     spec, texels = state.spec, state.spec.height * state.spec.width
     total = parts["all"]
@@ -185,7 +194,7 @@ def describe_texture(state: TextureState, parts: dict[str, Any], metrics: dict) 
         "grids": [vars(grid) for grid in spec.grids],
         "hidden": list(spec.hidden),
         "maps": [_describe_map(each) for each in state.maps],
-        "metrics": metrics,
+        "metrics": dict(metrics),
     }
 
 

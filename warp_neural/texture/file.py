@@ -23,6 +23,7 @@ from warp_neural.texture.sections import FileBytes, Reader, section
 from warp_neural.texture.state import Tensor, TextureState
 
 MAGIC, VERSION = b"WNTC", 1
+SECTIONS = ("header", "network", "contexts", "index")  # before the latents
 BLOCK = 256  # texels of a block's side
 STEPS, QUICK_STEPS = 200, 100  # of fitting the contexts
 
@@ -71,17 +72,30 @@ class TextureFile:
         self.data = FileBytes(self.path)
         reader = Reader(self.path, "header", self.data)
         _check_version(reader)
+        ends = [0]
         self.header = header.unpack(reader.section("header", 0))
+        ends.append(reader.at)
         self.spec, self.maps, self.extra = self.header.spec, self.header.maps, self.header.extra
         self.blocks = Blocks(self.spec, self.header.block)
         self.tensors: Mapping[str, Tensor] = _unpack_network(reader.section("network"), self.spec)
+        ends.append(reader.at)
         self.contexts: list[Context] = contexts.unpack(reader.section("contexts"), self.spec)
+        ends.append(reader.at)
         inside = reader.section("index")
+        ends.append(reader.at)
+        self.sections = dict(zip(SECTIONS, np.diff(ends).tolist(), strict=True))
         self.streams: dict[tuple[int, int], Streams] = block_index.unpack_index(inside, self.blocks, reader.at)
         reader.part, (last, *_) = "latents", reversed(self.streams.values())
         end = int(last.starts[-1] + last.sizes[-1])
         reader.require(len(self.data) >= end, f"cut short at {len(self.data)} of {end} bytes")
         reader.require(len(self.data) == end, f"{len(self.data) - end} bytes too many")
+
+    @property
+    def sizes(self) -> dict[str, Any]:
+        """Bytes of its parts, as `save_state` has them."""
+        spec = self.spec
+        latents = [[int(self.streams[mip, g].sizes.sum()) for g in range(len(spec.grids))] for mip in range(spec.mips)]
+        return self.sections | {"latents": latents, "all": len(self.data)}
 
     def latents(
         self, mip: int, rectangle: tuple[int, int, int, int] | None = None, device: wp.DeviceLike = "cpu"
@@ -115,7 +129,7 @@ def _parts(state: TextureState, steps: int = STEPS) -> dict[str, Any]:
 
 def _joined(parts: dict[str, Any]) -> bytes:
     latents = chain.from_iterable(grid for mip in parts["latents"] for grid in reversed(mip))
-    return b"".join([*(parts[name] for name in ("header", "network", "contexts", "index")), *latents])
+    return b"".join([*(parts[name] for name in SECTIONS), *latents])
 
 
 def _coded(spec: TextureSpec, latents: Latents, steps: int) -> tuple[list[Context], list, list[tuple[int, int]]]:
