@@ -134,7 +134,7 @@ def test_gradients_of_rounded_networks(precision, accumulation, device):
 
 @pytest.mark.parametrize("first", range(0, len(activations.ALL), 2))
 def test_activations_inside(first, device):
-    hidden, output = activations.ALL[first : first + 2]
+    hidden, output = (activations.ALL * 2)[first : first + 2]
     net = MLP(5, 19, 17, 1, activation=hidden, output_activation=output, precision="float32", device=device)
     x, dy = samples(N, 5), samples(N, 19, seed=1)
     for a, b in zip(flat(evaluate(net, x, dy)), flat(expected(net, x, dy)), strict=True):
