@@ -12,7 +12,7 @@ import OpenEXR
 import OpenImageIO as oiio
 
 from warp_neural.errors import InputError
-from warp_neural.imaging.library import opened, read_pixels
+from warp_neural.imaging.openimageio import opened, read_pixels
 from warp_neural.imaging.stored import MAX_PIXELS, Stored, read_file, straight
 from warp_neural.io.files import atomic_path
 

@@ -16,7 +16,7 @@ import OpenEXR
 
 from warp_neural.errors import InputError
 from warp_neural.imaging.exr import check_parts, checked_channels, read_channels
-from warp_neural.imaging.library import opened
+from warp_neural.imaging.openimageio import opened
 from warp_neural.imaging.stored import read_file
 from warp_neural.io.files import atomic_path
 

@@ -12,7 +12,7 @@ import numpy as np
 import OpenImageIO as oiio
 from PIL import Image
 
-from warp_neural.imaging.library import opened, read_pixels
+from warp_neural.imaging.openimageio import opened, read_pixels
 from warp_neural.imaging.stored import Stored, damaged, refused
 
 

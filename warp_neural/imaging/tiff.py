@@ -13,7 +13,7 @@ import numpy as np
 import tifffile
 
 from warp_neural.errors import InputError
-from warp_neural.imaging.library import opened, read_pixels
+from warp_neural.imaging.openimageio import opened, read_pixels
 from warp_neural.imaging.raster import check_cmyk, finished, levels_of
 from warp_neural.imaging.stored import Stored, check_size, damaged, refused, straight
 
