@@ -133,15 +133,25 @@ class MLP(Functions):
         """Of `master`."""
         return self.master.grad
 
-    def pack(self) -> None:
-        """Round `master` into the buffer that `func` reads: a launch, int8 a few, which a CUDA graph can hold."""
+    def pack(self, source: wp.array | None = None) -> None:
+        """Round `master` into the buffer that `func` reads: a launch, int8 a few, which a CUDA graph can hold.
+
+        source: float32 [master.size], what to take instead; not for int8.
+        """
         cuda = self.device.is_cuda
         if self.spec.format is INT8:
             set_weight_steps(self)
         wp.launch(
             make_pack_kernel(self.spec.format, cuda, bias_is_half(self.spec, cuda)),
             dim=(self.count, self.words),
-            inputs=[self.table, self.steps, self.master, self.spec.n_parameters, self.packed, self.words],
+            inputs=[
+                self.table,
+                self.steps,
+                self.master if source is None else source,
+                self.spec.n_parameters,
+                self.packed,
+                self.words,
+            ],
             device=self.device,
             record_tape=False,
         )

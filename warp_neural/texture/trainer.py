@@ -9,7 +9,6 @@ import warp as wp
 from tqdm import tqdm
 
 from warp_neural.errors import InputError, find_device
-from warp_neural.kernels.coopvec.layout import bias_is_half, make_pack_kernel
 from warp_neural.kernels.texture.layout import Layout
 from warp_neural.kernels.texture.levels import TILE, TextureData
 from warp_neural.kernels.texture.sample import known_l2, make_sample
@@ -162,12 +161,10 @@ class TextureTrainer:
 
     def _pack_rounded(self) -> None:
         """The network's weights as the file will have them, to what its kernels read."""
-        net, spec, cuda = self.net, self.net.spec, self.device.is_cuda
+        net = self.net
         arrays = [net.master, self.network_steps, self.rounded]
         wp.launch(round_kernel, net.master.size, arrays, device=self.device, record_tape=False)
-        inputs = [net.table, net.steps, self.rounded, spec.n_parameters, net.packed, net.words]
-        kernel = make_pack_kernel(spec.format, cuda, bias_is_half(spec, cuda))
-        wp.launch(kernel, (1, net.words), inputs, device=self.device, record_tape=False)
+        net.pack(self.rounded)
 
     def _set_steps(self) -> None:
         """Of the file's integers, from now on."""
