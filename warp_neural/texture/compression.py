@@ -7,6 +7,7 @@ from functools import partial
 from math import log, log10
 from pathlib import Path
 from typing import Any, Literal
+from zlib import crc32
 
 import numpy as np
 import warp as wp
@@ -14,13 +15,14 @@ import warp as wp
 from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.errors import is_finite, require
 from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.texture.checkpoint import Checkpoint
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import coded_bits
 from warp_neural.texture.levels import padded_sizes
 from warp_neural.texture.maps import TextureSet, load_set, mip_chain, without_hidden
 from warp_neural.texture.measure import channel_errors, psnr
 from warp_neural.texture.presets import QUALITIES, Effort, beside_latents, effort_of, precision_for, spec_of, weight_for
-from warp_neural.texture.search import Goal, find, meet, next_weight
+from warp_neural.texture.search import Goal, Probe, find, meet, next_weight
 from warp_neural.texture.state import Map
 from warp_neural.texture.texture import Texture
 from warp_neural.texture.trainer import TextureTrainer
@@ -44,6 +46,15 @@ class Job:
     weights: tuple[float, ...]
     device: wp.Device
     seed: int
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """JSON that another job has otherwise."""
+        digest = 0
+        for level in self.targets:
+            digest = crc32(np.ascontiguousarray(level), digest)
+        sizes = [list(level.shape) for level in self.levels]
+        return {"pictures": digest, "sizes": sizes, "weights": list(self.weights), "seed": self.seed}
 
     @property
     def texels(self) -> int:
@@ -97,7 +108,7 @@ def compress(
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
     together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB. preview: fewer
     steps. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1 if not
-    given.
+    given. checkpoint: a file to save the long run to, every 30 seconds and at Ctrl-C; if it is there, to go on from.
 
     Raises `InputError` for goals that cannot be met.
     """
@@ -106,13 +117,15 @@ def compress(
     job = _job(texture_set, mips, weights, find_device(device), seed)
     effort = effort_of(job.device, preview)
     goal, bits = _goal(job, bpp, psnr, size, quality)
-    options = {"quiet": quiet}
+    given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
+    kept = Checkpoint(checkpoint, job.configuration | given | {"effort": list(vars(effort).values())})
     if goal is None:
         weight = QUALITIES[quality or "medium"]
         trainer = job.trainer(job.spec(bits), precision_for(weight), effort.steps, effort.tiles, weight)
-        trainer.run(**options)
+        with kept.kept(trainer, None) as watch:
+            trainer.run(quiet=quiet, watch=watch)
     else:
-        trainer = _search(job, goal, bits, effort, options)
+        trainer = _search(job, goal, bits, effort, kept, quiet)
     state = trainer.state(job.maps)
     texture = Texture(state, job.device)
     errors = _errors(texture, job)
@@ -120,14 +133,18 @@ def compress(
     return texture.with_metrics(extra | {"rate_weight": float(f"{trainer.rate_weight:.4g}")})
 
 
-def _search(job: Job, goal: Goal, bits: float, effort: Effort, options: dict) -> TextureTrainer:
+def _search(job: Job, goal: Goal, bits: float, effort: Effort, kept: Checkpoint, quiet: bool) -> TextureTrainer:
     """Short runs, then the long one; if that misses the goal by much, once more from what it has shown."""
     fixed = job.spec(bits), precision_for(weight_for(bits))
     short, long = (partial(job.trainer, *fixed, steps, effort.tiles) for steps in (effort.probe, effort.steps))
-    last, weight, slope = find(short, weight_for(bits), goal, **options)
+    if kept.plan:
+        last, (weight, slope) = Probe(*kept.plan[0]), kept.plan[1]
+    else:
+        last, weight, slope = find(short, weight_for(bits), goal, quiet=quiet)
     for _ in range(LONG_RUNS):
         trainer = long(weight)
-        last = meet(trainer, goal, last, slope, **options)
+        with kept.kept(trainer, [list(vars(last).values()), [weight, slope]]) as watch:
+            last = meet(trainer, goal, last, slope, quiet=quiet, watch=watch)
         weight = next_weight(last, goal, slope)
         if abs(last.result - goal.value) <= goal.tolerance:
             break

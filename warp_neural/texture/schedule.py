@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 NOISE, ROUNDING = 0.90, 0.93  # of the steps: noise until here, rounded latents until here, then the network alone
-END_OF_NOISE = 0.015  # of the rates at the start; 0.08 costs 0.3 dB at equal bits, no steps with rounded latents 0.1
+END_OF_NOISE = 0.015  # of the rates at the start; 0.08 costs 0.3 dB at equal bits, no rounded steps 0.1 to 0.6
 RAMP = 0.1  # of the steps, in which the weight of the rate grows
 
 

@@ -1,0 +1,123 @@
+"""`wn.texture.compress`: goals, what stops a run and where it goes on; searches on a stand-in for a trainer."""
+
+from math import exp, log
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import warp_neural as wn
+from warp_neural.texture import compression
+from warp_neural.texture.presets import Effort
+from warp_neural.texture.search import LOOKS, Goal, find, meet
+
+
+class Stand:
+    """A run whose result follows a curve of log(lambda): mostly of the weight that it began with."""
+
+    schedule = SimpleNamespace(noise_until=90)
+    steps = 100
+
+    def __init__(self, rate_weight, offset=0.0):
+        self.rate_weight, self.offset, self.index, self.level = rate_weight, offset, 0, log(rate_weight)
+
+    def run(self, end=100, **options):
+        share = (end - self.index) / 100
+        self.level += min(2 * share, 1) * (log(self.rate_weight) - self.level)
+        self.index = end
+
+    def estimate(self):
+        return self.offset - 0.7 * self.level - 0.02 * self.level**2 + 0.5 * (1 - self.index / 100)
+
+    def snapshot(self):
+        return {"index": self.index, "level": self.level}
+
+    def restore(self, saved):
+        vars(self).update(saved)
+
+
+@pytest.mark.parametrize("wanted", [4.0, 4.6, 5.5])
+@pytest.mark.parametrize("offset", [0.0, 0.1])
+def test_searches_meet_their_goal(wanted, offset):
+    """offset: by which the long run differs from the short ones."""
+    goal = Goal(Stand.estimate, Stand.estimate, wanted, -0.8, 0.02)
+    last, weight, slope = find(Stand, 1e-3, goal)
+    assert -1.5 < slope < -0.2 and len(last.ahead) == len(LOOKS)
+    result = meet(Stand(weight, offset), goal, last, slope)
+    assert abs(result.result - wanted) <= 0.02
+
+
+def test_a_goal_out_of_reach_ends():
+    goal = Goal(Stand.estimate, Stand.estimate, 1e3, -0.8, 0.02)
+    last, weight, slope = find(Stand, 1e-3, goal)
+    result = meet(Stand(weight), goal, last, slope)
+    assert np.isfinite(result.result) and exp(-19) < result.rate_weight < 1
+
+
+def pictures(side=32):
+    y, x = np.mgrid[:side, :side] / side
+    albedo = np.stack([0.5 + 0.4 * np.sin(20 * x), 0.5 + 0.4 * np.cos(9 * y), x * y], -1)
+    return {"albedo": np.float32(albedo), "ao": np.full((side, side, 1), 0.25, np.float32)}
+
+
+@pytest.fixture
+def short_runs(monkeypatch):
+    monkeypatch.setattr(compression, "effort_of", lambda device, preview: Effort(300, 100, 1))
+
+
+def test_a_texture_from_arrays(short_runs, tmp_path):
+    """Compressed, saved, loaded: the same numbers, and those that were measured."""
+    texture = wn.texture.compress(pictures(), quality="high", mips=3, device="cpu", quiet=True)
+    texture.save(tmp_path / "a.wntc")
+    loaded = wn.texture.load(tmp_path / "a.wntc", "cpu")
+    for mip in range(3):
+        for name, values in texture.decode(mip).items():
+            np.testing.assert_array_equal(values, loaded.decode(mip)[name])
+    assert (loaded.decode()["ao"] == 0.25).all()  # constant, so exact
+    codes = (np.rint(255 * values) / 255 for values in (pictures()["albedo"], loaded.decode()["albedo"]))
+    measured = -10 * np.log10(np.square(np.subtract(*codes)).mean())
+    assert abs(measured - texture.metrics["psnr"]) < 0.01 and measured > 20
+
+
+def test_a_stopped_run_goes_on(short_runs, tmp_path, monkeypatch):
+    """To the same file, bit for bit."""
+    whole = wn.texture.compress(pictures(), quality="low", device="cpu", quiet=True)
+    file, stops = tmp_path / "run.safetensors", [64]
+
+    def step(self, alone, before=compression.TextureTrainer._launch):
+        def launch(trainer, count, alone):
+            if stops and trainer.index >= stops[0]:
+                stops.clear()
+                raise KeyboardInterrupt
+            before(trainer, count, alone)
+
+        return launch(self, *alone)
+
+    monkeypatch.setattr(compression.TextureTrainer, "_launch", lambda self, *counts: step(self, counts))
+    options = {"quality": "low", "device": "cpu", "quiet": True, "checkpoint": file}
+    with pytest.raises(KeyboardInterrupt):
+        wn.texture.compress(pictures(), **options)
+    with pytest.raises(wn.InputError, match=r"run\.safetensors: of other pictures or options"):
+        wn.texture.compress(pictures(), **options | {"seed": 1})
+    again = wn.texture.compress(pictures(), **options)
+    for a, b in zip(whole.state.latents[0], again.state.latents[0], strict=True):
+        np.testing.assert_array_equal(a, b)
+    for name, tensor in whole.state.tensors.items():
+        np.testing.assert_array_equal(tensor.integers, again.state.tensors[name].integers)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"bpp": 2, "psnr": 30}, "bpp and psnr: each chooses"),
+        ({"bpp": 0}, "bpp=0: .*positive"),
+        ({"psnr": float("nan")}, "psnr=nan"),
+        ({"quality": "best"}, "quality=best|quality='best'"),
+        ({"size": 400}, "size 400: the network alone takes .* kB; give at least .* bytes"),
+        ({"weights": {"normal": 2}}, "names of maps, albedo, ao"),
+        ({"mips": 9}, "have 1 to 6"),
+    ],
+)
+def test_bad_goals(options, words):
+    with pytest.raises(wn.InputError, match=words):
+        wn.texture.compress(pictures(), device="cpu", quiet=True, **options)
