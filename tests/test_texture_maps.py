@@ -1,54 +1,17 @@
 """From pictures to what a neural texture learns and back: values as stored, kinds by names, what is refused."""
 
-import struct
-
 import numpy as np
 import pytest
+from texture_pictures import RNG, back, codes, folder, kinds, put
 
 from warp_neural.errors import InputError
 from warp_neural.imaging.exr import save_exr
-from warp_neural.imaging.image import linear_to_srgb, load_stored, save_image, srgb_to_linear
+from warp_neural.imaging.image import srgb_to_linear
 from warp_neural.materials.default_material import default_material
 from warp_neural.texture.kinds import to_maps
-from warp_neural.texture.maps import TextureSet, load_set, mip_chain
-from warp_neural.texture.save import dds_format, save_dds_maps, save_maps
+from warp_neural.texture.maps import TextureSet, load_set
 
-RNG = np.random.default_rng(3)
-
-
-def codes(*shape, bits=8):
-    """Values that a file of integers holds exactly."""
-    return np.float32(RNG.integers(0, 2**bits, shape) / (2**bits - 1))
-
-
-def put(path, values, **options):
-    save_image(path, values, **({"color_space": "linear"} | options))
-    return load_stored(path)[0]
-
-
-def back(texture_set):
-    return to_maps(texture_set.values, texture_set.maps)
-
-
-def kinds(texture_set):
-    return {each.name: each.kind for each in texture_set.maps}
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """What each file holds as stored, by the name of the map that it should be."""
-    made = {
-        "albedo": put(tmp_path / "Rock_2K-PNG_Color.png", codes(6, 10, 3)),
-        "normal_dx": put(tmp_path / "Rock_2K-PNG_NormalDX.png", codes(6, 10, 3)),
-        "gloss": put(tmp_path / "rock_gloss.png", codes(6, 10, bits=16), bits=16),
-        "opacity": put(tmp_path / "rock_alpha.png", np.float32(RNG.random((6, 10)) < 0.4)),
-        "wear mask": put(tmp_path / "wear mask.png", np.float32(RNG.random((6, 10)) < 0.4)),
-        "emissive": put(tmp_path / "emissive.jpg", codes(6, 10, 3)),
-        "flow": put(tmp_path / "flow.tif", codes(6, 10, 3)),
-    }
-    put(tmp_path / "Rock.png", codes(6, 10, 3))  # the asset's preview
-    (tmp_path / "notes.txt").write_text("no picture")
-    return tmp_path, made
+__all__ = ["folder"]  # a fixture
 
 
 def test_a_folder_as_stored(folder):
@@ -269,66 +232,9 @@ def test_bad_folders(tmp_path):
         load_set([tmp_path / "b.exr"])
 
 
-def test_saved_maps_are_the_same_maps(folder, tmp_path):
-    path, _made = folder
-    put(path / "sky.exr", codes(6, 10, 3) * 50)
-    put(path / "over.png", np.dstack([codes(6, 10)] * 3 + [codes(6, 10)]))
-    chosen = ("albedo", "normal_dx", "gloss", "opacity", "wear mask", "sky", "over")
-    texture_set = load_set(path, maps=chosen)
-    paths = save_maps(tmp_path / "out", back(texture_set), texture_set.maps)
-    assert {each.name for each in paths} == {f"{name}.png" for name in chosen if name != "sky"} | {"sky.exr"}
-    again = load_set(tmp_path / "out")
-    assert kinds(again) == kinds(texture_set)
-    assert {each.name: (each.channels, each.bits) for each in again.maps} == {
-        each.name: (each.channels, each.bits) for each in texture_set.maps
-    }
-    old, new = back(texture_set), back(again)
-    for each in texture_set.maps:
-        tolerance = 1e-5 * old[each.name].max() if each.kind == "hdr" else 0
-        assert np.abs(old[each.name] - new[each.name]).max() <= tolerance, each.name
-
-
-def test_exr_holds_light(tmp_path):
-    texture_set = load_set({"albedo": codes(3, 3, 3), "ao": codes(3, 3)})
-    save_maps(tmp_path, back(texture_set), texture_set.maps, exr=True)
-    albedo, bits = load_stored(tmp_path / "albedo.exr")
-    assert bits == 32 and np.abs(linear_to_srgb(albedo) - back(texture_set)["albedo"]).max() < 1e-6
-    assert (load_stored(tmp_path / "ao.exr")[0] == back(texture_set)["ao"]).all()
-
-
 def test_real_materials(shared_data):
     texture_set = load_set(shared_data / "materials" / "PavingStones070")
     assert isinstance(texture_set, TextureSet) and texture_set.values.shape == (1024, 1024, 8)
     assert kinds(texture_set) == {"albedo": "srgb", "normal": "normal", "roughness": "linear", "ao": "linear"}
     codes = texture_set.values * 255
     assert (np.abs(codes - np.rint(codes)) < 1e-4).all()
-
-
-def test_dds_formats_follow_from_the_kind(tmp_path):
-    arrays = {
-        "albedo": codes(8, 8, 3),
-        "normal": codes(8, 8, 3),
-        "rough": codes(8, 8),
-        "color": codes(8, 8),
-        "decal": codes(8, 8, 4),
-        "over": codes(8, 8, 2),
-        "sky": codes(8, 8) * 40,
-    }
-    texture_set = load_set(arrays)
-    levels = [to_maps(level, texture_set.maps) for level in mip_chain(texture_set)]
-    kinds_of = {each.name: (dds_format(each), dds_format(each, bc1=True)) for each in texture_set.maps}
-    assert kinds_of == {
-        "albedo": ("bc7", "bc1"),
-        "normal": ("bc5", "bc5"),
-        "rough": ("bc4", "bc4"),
-        "color": ("bc7", "bc1"),  # BC4 is never sRGB
-        "decal": ("bc7", "bc3"),
-        "over": ("bc7", "bc3"),
-        "sky": ("half", "half"),
-    }
-    numbers = {"albedo": 72, "normal": 83, "rough": 80, "color": 72, "decal": 77, "over": 77, "sky": 54}
-    for path in save_dds_maps(tmp_path, levels, texture_set.maps, bc1=True):
-        file = path.read_bytes()
-        assert struct.unpack_from("<I", file, 28) == (4,)  # levels
-        assert struct.unpack_from("<I", file, 128) == (numbers.pop(path.stem),)
-    assert not numbers
