@@ -22,7 +22,7 @@ from warp_neural.texture.levels import padded_sizes
 from warp_neural.texture.maps import TextureSet, load_set, mip_chain, without_hidden
 from warp_neural.texture.measure import channel_errors, psnr
 from warp_neural.texture.presets import QUALITIES, Effort, beside_latents, effort_of, precision_for, spec_of, weight_for
-from warp_neural.texture.search import Goal, Probe, find, meet, next_weight
+from warp_neural.texture.search import Goal, find, meet
 from warp_neural.texture.state import Map
 from warp_neural.texture.texture import Texture
 from warp_neural.texture.trainer import TextureTrainer
@@ -33,7 +33,6 @@ PSNR_SLOPE = -2.2  # dB a unit of log(lambda)
 BITS_SLOPE = -0.8
 SURE = 0.75  # of what is expected beside latents
 CODED = 0.93  # of the trainer's bits, after contexts are fitted
-LONG_RUNS = 2
 
 
 @dataclass(frozen=True)
@@ -134,20 +133,12 @@ def compress(
 
 
 def _search(job: Job, goal: Goal, bits: float, effort: Effort, kept: Checkpoint, quiet: bool) -> TextureTrainer:
-    """Short runs, then the long one; if that misses the goal by much, once more from what it has shown."""
     fixed = job.spec(bits), precision_for(weight_for(bits))
     short, long = (partial(job.trainer, *fixed, steps, effort.tiles) for steps in (effort.probe, effort.steps))
-    if kept.plan:
-        last, (weight, slope) = Probe(*kept.plan[0]), kept.plan[1]
-    else:
-        last, weight, slope = find(short, weight_for(bits), goal, quiet=quiet)
-    for _ in range(LONG_RUNS):
-        trainer = long(weight)
-        with kept.kept(trainer, [list(vars(last).values()), [weight, slope]]) as watch:
-            last = meet(trainer, goal, last, slope, quiet=quiet, watch=watch)
-        weight = next_weight(last, goal, slope)
-        if abs(last.result - goal.value) <= goal.tolerance:
-            break
+    weight, slope = kept.plan or find(short, weight_for(bits), goal, effort.probes, quiet=quiet)
+    trainer = long(weight)
+    with kept.kept(trainer, [weight, slope]) as watch:
+        meet(trainer, goal, slope, quiet=quiet, watch=watch)
     return trainer
 
 

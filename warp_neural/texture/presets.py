@@ -16,17 +16,19 @@ QUALITIES = {"low": 1.5e-3, "medium": 3e-4, "high": 6e-5}
 
 @dataclass(frozen=True)
 class Effort:
-    """Steps of the run and of each probe, of `tiles` squares of 32 x 32 texels."""
+    """Steps of the run and of each of `probes` short ones, of `tiles` squares of 32 x 32 texels."""
 
     steps: int
     probe: int
+    probes: int
     tiles: int
 
 
 def effort_of(device: wp.Device, preview: bool) -> Effort:
+    """On the CPU short runs would say little."""
     if device.is_cuda:
-        return Effort(4_000, 1_000, 64) if preview else Effort(20_000, 2_500, 64)
-    return Effort(5_000, 1_000, 4) if preview else Effort(36_000, 2_500, 4)
+        return Effort(4_000, 1_000, 1, 64) if preview else Effort(20_000, 2_500, 3, 64)
+    return Effort(5_000, 0, 0, 4) if preview else Effort(30_000, 4_000, 1, 4)
 
 
 def spec_of(height: int, width: int, channels: int, mips: int, bits: float) -> TextureSpec:

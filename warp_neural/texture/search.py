@@ -1,8 +1,8 @@
-"""Which weight of the rate leads to a wanted size or quality: short runs, a secant, and corrections on the way.
+"""Which weight of the rate leads to a wanted size or quality: short runs and a secant, then the long run.
 
 Goals are numbers that fall or rise smoothly with log(lambda): log(bits of latents), with a slope of -0.9 to -0.5, and
-PSNR, of about -2 dB. A short run misses the long one's by some percent, which the long run corrects: its schedule is
-that of the short one, stretched, so that what is still to come at a fraction of the run is known from it.
+PSNR, of about -2 dB. A short run misses the long one's by some percent, so the long run is taken again, from where its
+rates are still high, until the goal is met. Corrections on the way do not work: latents follow a new weight too slowly.
 """
 
 from collections.abc import Callable
@@ -11,20 +11,15 @@ from math import exp, log
 
 from warp_neural.texture.trainer import TextureTrainer
 
-LOOKS = (
-    0.5,
-    0.65,
-    0.78,
-    0.86,
-)  # of the noisy steps, where the long run is corrected; the last is where it may begin again
+AGAIN_FROM = 0.4  # of the noisy steps; from 0.86 on a new weight changes nothing
 LARGEST_CHANGE = 1.5  # of log(lambda) at once
 LEAST, MOST = 1e-8, 0.1  # lambda: beyond, nothing changes
 
 
 @dataclass(frozen=True)
 class Goal:
-    """value: wanted of `measure(trainer)` after a run. estimate: about the same, free, at any time. slope: of it by
-    log(lambda), a first guess. tolerance: met within it."""
+    """value: wanted of `measure(trainer)` after the long run. estimate: about the same, free, after short ones. slope:
+    of it by log(lambda), a first guess. tolerance: met within it."""
 
     estimate: Callable[[TextureTrainer], float]
     measure: Callable[[TextureTrainer], float]
@@ -32,70 +27,66 @@ class Goal:
     slope: float
     tolerance: float
 
+    def met(self, result: float) -> bool:
+        return abs(result - self.value) <= self.tolerance
+
 
 @dataclass(frozen=True)
 class Probe:
-    """A run and what it led to: the goal's number at its end, and that at each of `LOOKS` less the one at the end."""
+    """A run's weight and what it led to."""
 
     rate_weight: float
     result: float
-    ahead: tuple[float, ...]
-
-
-def short_run(trainer: TextureTrainer, goal: Goal, **options) -> Probe:
-    seen = []
-    for fraction in LOOKS:
-        trainer.run(int(fraction * trainer.schedule.noise_until), **options)
-        seen.append(goal.estimate(trainer))
-    trainer.run(**options)
-    result = goal.estimate(trainer)
-    return Probe(trainer.rate_weight, result, tuple(estimate - result for estimate in seen))
 
 
 def find(
-    make_short: Callable[[float], TextureTrainer], start: float, goal: Goal, probes: int = 2, **options
-) -> tuple[Probe, float, float]:
-    """The last of some short runs, of which the first has weight `start`; the weight for the long run, the slope."""
+    make_short: Callable[[float], TextureTrainer], start: float, goal: Goal, probes: int, **options
+) -> tuple[float, float]:
+    """The weight for the long run and the slope there, from at most `probes` short runs, of which the first has weight
+    `start`."""
     done, weight, slope = [], start, goal.slope
-    for _ in range(probes):
-        done.append(short_run(make_short(weight), goal, **options))
+    while len(done) < probes and not (done and goal.met(done[-1].result)):
+        trainer = make_short(weight)
+        trainer.run(**options)
+        done.append(Probe(weight, goal.estimate(trainer)))
         slope = slope_of(done, slope)
-        weight = next_weight(done[-1], goal, slope)
-    return done[-1], weight, slope
+        weight = next_weight(done, goal, slope)
+    return weight, slope
 
 
 def slope_of(done: list[Probe], before: float) -> float:
     """Between the last two probes; one far from what is usual is not trusted."""
-    if len(done) < 2 or abs(log(done[-1].rate_weight / done[-2].rate_weight)) < 0.05:
+    if len(done) < 2 or abs(log(done[-1].rate_weight / done[-2].rate_weight)) < 0.02:
         return before
     found = (done[-1].result - done[-2].result) / log(done[-1].rate_weight / done[-2].rate_weight)
-    return found if 0.4 < found / before < 2.5 else before
+    return found if 0.3 < found / before < 3 else before
 
 
-def next_weight(probe: Probe, goal: Goal, slope: float) -> float:
-    """With which the next run should meet the goal."""
-    change = (goal.value - probe.result) / slope
-    weight = probe.rate_weight * exp(max(-LARGEST_CHANGE, min(change, LARGEST_CHANGE)))
+def next_weight(done: list[Probe], goal: Goal, slope: float) -> float:
+    """With which the next run should meet the goal: between the nearest runs on both sides of it, if there are."""
+    nearest = sorted(done, key=lambda probe: abs(probe.result - goal.value))
+    over, under = ([p for p in nearest if (p.result > goal.value) == side] for side in (True, False))
+    if over and under:
+        share = (goal.value - under[0].result) / (over[0].result - under[0].result)
+        return under[0].rate_weight ** (1 - share) * over[0].rate_weight ** share
+    change = (goal.value - nearest[0].result) / slope
+    weight = nearest[0].rate_weight * exp(max(-LARGEST_CHANGE, min(change, LARGEST_CHANGE)))
     return max(LEAST, min(weight, MOST))
 
 
-def meet(trainer: TextureTrainer, goal: Goal, last: Probe, slope: float, tries: int = 4, **options) -> Probe:
-    """The long run, corrected on its way; from its last look on again until the goal is met. last: the probe before."""
-    saved = {}
-    for fraction, ahead in zip(LOOKS, last.ahead, strict=True):
-        at = int(fraction * trainer.schedule.noise_until)
-        if trainer.index < at:  # a run that goes on from a checkpoint may be past it
-            trainer.run(at, **options)
-            expected = Probe(trainer.rate_weight, goal.estimate(trainer) - ahead, ())
-            trainer.rate_weight = next_weight(expected, goal, slope)
-            saved = trainer.snapshot()
+def meet(trainer: TextureTrainer, goal: Goal, slope: float, tries: int = 5, **options) -> float:
+    """The long run, from `AGAIN_FROM` on again until the goal is met. What it led to."""
+    again_from, saved = int(AGAIN_FROM * trainer.schedule.noise_until), None
+    if trainer.index <= again_from:  # a run that goes on from a checkpoint may be past it
+        trainer.run(again_from, **options)
+        saved = trainer.snapshot()
     trainer.run(**options)
-    done = [Probe(trainer.rate_weight, goal.measure(trainer), last.ahead)]
-    late = 0.6 * slope  # what is left of the run does less
-    while saved and abs(done[-1].result - goal.value) > goal.tolerance and len(done) <= tries:
-        trainer.rate_weight = next_weight(done[-1], goal, late)
+    done = [Probe(trainer.rate_weight, goal.measure(trainer))]
+    while saved and not goal.met(done[-1].result) and len(done) < tries:
+        weight = next_weight(done, goal, slope)
         trainer.restore(saved)
+        trainer.rate_weight = weight
         trainer.run(**options)
-        done.append(Probe(trainer.rate_weight, goal.measure(trainer), last.ahead))
-        late = slope_of(done, late)
-    return done[-1]
+        done.append(Probe(weight, goal.measure(trainer)))
+        slope = slope_of(done, slope)
+    return done[-1].result
