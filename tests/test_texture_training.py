@@ -210,7 +210,8 @@ def test_decoding(height, width, mips, device):
         np.testing.assert_allclose(decoder.decode(mip), truth, rtol=0, atol=6e-3)
     if height > 8:
         part = decoder.decode(0, (3, 2, width - 4, height - 5))
-        np.testing.assert_array_equal(part, decoder.decode(0)[2:-3, 3:-1])
+        bound = 0 if decoder.device.is_cpu else 1e-6  # on CUDA warps with lanes missing sum in another order
+        np.testing.assert_allclose(part, decoder.decode(0)[2:-3, 3:-1], rtol=0, atol=bound)
 
 
 def test_a_run_goes_on_from_what_it_was():
