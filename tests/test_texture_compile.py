@@ -1,12 +1,14 @@
 """Every CUDA kernel of neural textures compiles ahead of time; this needs no GPU."""
 
+from dataclasses import replace
+
 import pytest
 import warp as wp
 
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
-from warp_neural.kernels.texture import features, rate, sample, texel, update
+from warp_neural.kernels.texture import features, losses, rate, sample, texel, update
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.rooms import choose_schedule
@@ -39,7 +41,9 @@ def test_network(tmp_path, monkeypatch):
     schedule = choose_schedule(spec, 90, 227 * 1024)
     assert type(schedule).__name__ == "Hopper64Schedule"
     drawn = sample.make_sample(SPEC, 64, spec.vec_in)
-    kernels = make_kernels(spec, schedule, drawn, sample.known_l2, None, True, True)
+    kernels = make_kernels(
+        spec, schedule, drawn, replace(losses.known_l2, normals=(3,), colours=(0,)), None, True, True
+    )
     for kernel in [*kernels, make_fused_update_kernel(adam, spec, schedule), update.kernels_kernel]:
         compiles(kernel, 90, tmp_path)
 

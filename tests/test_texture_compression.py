@@ -115,6 +115,10 @@ def test_a_stopped_run_goes_on(short_runs, tmp_path, monkeypatch):
         ({"quality": "best"}, "quality=best|quality='best'"),
         ({"size": 400}, "size 400: the network alone takes .* kB; give at least .* bytes"),
         ({"weights": {"normal": 2}}, "names of maps, albedo, ao"),
+        ({"losses": {"normal": "direction"}}, "names of maps, albedo, ao"),
+        ({"losses": {"albedo": "direction"}}, '"direction" for normals'),
+        ({"losses": {"ao": "perceptual"}}, '"perceptual" for colours, of three channels'),
+        ({"losses": {"ao": "l1"}}, "one of l2, direction, perceptual"),
         ({"mips": 9}, "have 1 to 6"),
     ],
 )

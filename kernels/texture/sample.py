@@ -4,13 +4,9 @@ from functools import cache
 
 import warp as wp
 
-from warp_neural.kernels.nn.losses import Loss
 from warp_neural.kernels.nn.random import Stream
 from warp_neural.kernels.texture.levels import TILE, TextureData, wrapped
 from warp_neural.kernels.texture.spec import TextureSpec
-
-known_l2 = Loss("known_l2", "(wp::isfinite(t) ? (p - t) * (p - t) : 0.0f)", "(wp::isfinite(t) ? 2.0f * (p - t) : 0.0f)")
-"""Squared error where there is a target; a NaN target lets the prediction be anything."""
 
 
 @cache

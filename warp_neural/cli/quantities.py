@@ -1,12 +1,13 @@
-"""What options of textures hold in one word: sizes of files and pictures, names of maps, their weights, rectangles."""
+"""What options of textures hold in one word: sizes of files and pictures, maps, their weights, losses, rectangles."""
 
 import re
 from collections.abc import Iterable
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from warp_neural.errors import InputError
+from warp_neural.kernels.texture.losses import Cost
 
 _UNITS = {"": 1, "b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "kib": 2**10, "mib": 2**20, "gib": 2**30}
 _BYTES = re.compile(r"(\d{1,12}(?:\.\d{1,12})?) ?([kmg]?i?b?)", re.IGNORECASE)
@@ -53,6 +54,17 @@ def weights_of(option: str, text: str | None, names: Iterable[str]) -> dict[str,
         if not equals or not 0 <= weights[name] <= 1e6:
             raise InputError(f"{option} {text}: give maps and numbers from 0 to 1e6, as in albedo=2,normal=1")
     return weights
+
+
+def losses_of(option: str, text: str | None) -> dict[str, Cost] | None:
+    """`normal=direction,albedo=perceptual`; None stays."""
+    if text is None:
+        return None
+    pairs = [tuple(map(str.strip, part.partition("="))) for part in text.split(",")]
+    if not all(cost in get_args(Cost) for _, _, cost in pairs):
+        costs = ", ".join(get_args(Cost))
+        raise InputError(f"{option} {text}: give maps and one of {costs}, as in normal=direction,albedo=perceptual")
+    return {name: cost for name, _, cost in pairs}
 
 
 def level_of(option: str, text: str, levels: int) -> int | Literal["all"]:

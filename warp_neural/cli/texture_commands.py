@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from warp_neural.cli.options import FOLDER, Between, Options, Seed, resolve_device
-from warp_neural.cli.quantities import bytes_of, level_of, names_of, rectangle_of, sides_of, weights_of
+from warp_neural.cli.quantities import bytes_of, level_of, losses_of, names_of, rectangle_of, sides_of, weights_of
 from warp_neural.errors import InputError
 from warp_neural.io.files import check_target
 from warp_neural.texture.file import MAGIC, TextureFile
@@ -46,6 +46,8 @@ class Compress(Options):
     """names of those to take, as in albedo,normal; all by default"""
     weights: str | None = None
     """what errors count, by map, as in albedo=2,normal=1; 1 by default"""
+    losses: str | None = None
+    """what errors cost, by map: direction for normals, perceptual for colours, l2 by default"""
     resize: str | None = None
     """scale all pictures, to a size as in 1024x512 or to that of the largest"""
     mips: str | None = None
@@ -72,7 +74,14 @@ class Compress(Options):
         check_target(self.out)
         texture_set = load_set(self.source, maps=names_of(self.maps), resize=resize)
         weights = weights_of("--weights", self.weights, [each.name for each in texture_set.maps])
-        options = {"mips": self._mips(texture_set), "weights": weights, "device": device, "seed": self.seed}
+        losses = losses_of("--losses", self.losses)
+        options = {
+            "mips": self._mips(texture_set),
+            "weights": weights,
+            "losses": losses,
+            "device": device,
+            "seed": self.seed,
+        }
         result = texture.compress(
             texture_set, **goals, preview=self.preview, checkpoint=self._checkpoint(), quiet=self.json, **options
         )

@@ -2,28 +2,22 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
-from math import log, log10
+from math import log
 from pathlib import Path
 from typing import Any, Literal
-from zlib import crc32
 
-import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.errors import is_finite, require
-from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.losses import Cost
 from warp_neural.texture.checkpoint import Checkpoint
-from warp_neural.texture.decoder import Decoder
-from warp_neural.texture.file import coded_bits
-from warp_neural.texture.levels import padded_sizes
-from warp_neural.texture.maps import TextureSet, load_set, mip_chain, without_hidden
+from warp_neural.texture.job import Job, make_job
+from warp_neural.texture.maps import load_set
 from warp_neural.texture.measure import channel_errors, psnr
-from warp_neural.texture.presets import QUALITIES, Effort, beside_latents, effort_of, precision_for, spec_of, weight_for
+from warp_neural.texture.presets import QUALITIES, Effort, beside_latents, effort_of, precision_for, weight_for
 from warp_neural.texture.search import Goal, find, meet
-from warp_neural.texture.state import Map
 from warp_neural.texture.texture import Texture
 from warp_neural.texture.trainer import TextureTrainer
 
@@ -32,58 +26,6 @@ PSNR_TOLERANCE = 0.07  # dB; 0.1 are promised
 PSNR_SLOPE = -2.2  # dB a unit of log(lambda)
 BITS_SLOPE = -0.8
 SURE = 0.75  # of what is expected beside latents
-CODED = 0.93  # of the trainer's bits, after contexts are fitted
-
-
-@dataclass(frozen=True)
-class Job:
-    """What is to be compressed, and with what."""
-
-    maps: tuple[Map, ...]
-    levels: tuple[np.ndarray, ...]
-    targets: list[np.ndarray]
-    weights: tuple[float, ...]
-    device: wp.Device
-    seed: int
-
-    @property
-    def configuration(self) -> dict[str, Any]:
-        """JSON that another job has otherwise."""
-        digest = 0
-        for level in self.targets:
-            digest = crc32(np.ascontiguousarray(level), digest)
-        sizes = [list(level.shape) for level in self.levels]
-        return {"pictures": digest, "sizes": sizes, "weights": list(self.weights), "seed": self.seed}
-
-    @property
-    def texels(self) -> int:
-        return self.levels[0].shape[0] * self.levels[0].shape[1]
-
-    def spec(self, bits: float) -> TextureSpec:
-        return spec_of(*self.levels[0].shape, len(self.levels), bits)
-
-    def trainer(
-        self, spec: TextureSpec, precision: float, steps: int, tiles: int, rate_weight: float
-    ) -> TextureTrainer:
-        options = {"weights": self.weights, "seed": self.seed, "device": self.device, "precision": precision}
-        return TextureTrainer(spec, self.targets, rate_weight=rate_weight, steps=steps, tiles=tiles, **options)
-
-    def log_bits(self, trainer: TextureTrainer, rest: float) -> float:
-        """Of all latents, as the trainer counts them, and `rest`."""
-        texels = int(padded_sizes(trainer.spec).prod(1).sum())
-        return log(CODED * trainer.bits * texels + rest)
-
-    def log_coded(self, trainer: TextureTrainer, less: float) -> float:
-        """Of the file less what it surely holds beside latents."""
-        return log(max(coded_bits(trainer.state(self.maps)) - less, 1.0))
-
-    def estimated_psnr(self, trainer: TextureTrainer) -> float:
-        """Of the levels that are trained, in dB."""
-        return -10 * log10(max(trainer.loss, 1e-12))
-
-    def psnr(self, trainer: TextureTrainer) -> float:
-        """Of mip 0, in dB."""
-        return psnr(self.levels[0], Decoder(trainer.state(self.maps), self.device).decode())
 
 
 def compress(
@@ -96,6 +38,7 @@ def compress(
     preview: bool = False,
     mips: int | None = None,
     weights: Mapping[str, float] | None = None,
+    losses: Mapping[str, Cost] | None = None,
     device: wp.DeviceLike = None,
     seed: int = 0,
     checkpoint: Path | None = None,
@@ -107,13 +50,15 @@ def compress(
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
     together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB. preview: fewer
     steps. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1 if not
-    given. checkpoint: a file to save the long run to, every 30 seconds and at Ctrl-C; if it is there, to go on from.
+    given. losses: what errors of a map cost, by name; their squares if not given. "direction", for normals, hardly
+    counts errors along the normal; "perceptual", for colours, counts brightness four times as much as the rest of them.
+    checkpoint: a file to save the long run to, every 30 seconds and at Ctrl-C; if it is there, to go on from.
 
     Raises `InputError` for goals that cannot be met.
     """
     begin = time.perf_counter()
     texture_set = load_set(source)
-    job = _job(texture_set, mips, weights, find_device(device), seed)
+    job = make_job(texture_set, mips, weights, losses, find_device(device), seed)
     effort = effort_of(job.device, preview)
     goal, bits = _goal(job, bpp, psnr, size, quality)
     given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
@@ -142,19 +87,6 @@ def _search(job: Job, goal: Goal, bits: float, effort: Effort, kept: Checkpoint,
     return trainer
 
 
-def _job(
-    texture_set: TextureSet, mips: int | None, weights: Mapping[str, float] | None, device: wp.Device, seed: int
-) -> Job:
-    levels = mip_chain(texture_set, mips or len(texture_set.levels))
-    names = [each.name for each in texture_set.maps]
-    for name, value in (weights or {}).items():
-        require(name in names, "weights", name, f"names of maps, {', '.join(names)}")
-        require(is_finite(value) and value >= 0, f"weights: {name}", value, "a finite number, not negative")
-    by_channel = [(weights or {}).get(each.name, 1.0) for each in texture_set.maps for _ in each.trained]
-    targets = without_hidden(levels, texture_set.maps)
-    return Job(texture_set.maps, tuple(levels), targets, tuple(by_channel) if weights else (), device, seed)
-
-
 def _goal(
     job: Job, bpp: float | None, psnr: float | None, size: int | None, quality: str | None
 ) -> tuple[Goal | None, float]:
@@ -170,7 +102,7 @@ def _goal(
         if value is not None:
             require(is_finite(value) and value > 0, name, value, "a positive number")
     if psnr is not None:
-        return Goal(job.estimated_psnr, job.psnr, psnr, PSNR_SLOPE, PSNR_TOLERANCE), 1.5 if psnr < 29 else 3.0
+        return Goal(job.psnr, job.psnr, psnr, PSNR_SLOPE, PSNR_TOLERANCE), 1.5 if psnr < 29 else 3.0
     if bpp is None and size is None:
         return None, {"low": 1.0}.get(quality, 4.0)
     bits = bpp if bpp is not None else 8 * size / job.texels

@@ -11,7 +11,8 @@ from tqdm import tqdm
 from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.texture.layout import Layout
 from warp_neural.kernels.texture.levels import TILE, TextureData
-from warp_neural.kernels.texture.sample import known_l2, make_sample
+from warp_neural.kernels.texture.losses import TextureLoss, known_l2
+from warp_neural.kernels.texture.sample import make_sample
 from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.kernels.texture.update import kernels_kernel, round_kernel
 from warp_neural.texture.batch import TextureBatch
@@ -34,7 +35,7 @@ class TextureTrainer:
 
     rate_weight: lambda, the mean squared error that a bit a texel is worth; may be set anew. Of a step: `tiles` squares
     of 32 x 32 texels. latent_rate, network_rate: of Adam at the start. precision: of the file's weights, whose steps
-    are rms / precision. weights: of the channels' errors.
+    are rms / precision. loss: what errors cost.
     """
 
     def __init__(
@@ -48,7 +49,7 @@ class TextureTrainer:
         latent_rate: float = 0.3,
         network_rate: float = 5e-3,
         precision: float = 16.0,
-        weights: Sequence[float] = (),
+        loss: TextureLoss = known_l2,
         seed: int = 0,
         device: wp.DeviceLike = None,
     ):
@@ -66,7 +67,7 @@ class TextureTrainer:
         self.first, self.second = (self._array(np.zeros(self.layout.size)) for _ in range(2))
         self.kernel_steps = self._array(np.ones(self.layout.size))
         self.network_steps, self.rounded = (self._array(np.ones(self.net.master.size)) for _ in range(2))
-        self._launches(network_rate, weights, seed)
+        self._launches(network_rate, loss, seed)
         self.graphs: dict[bool, Any] = {}
 
     def _array(self, values: np.ndarray) -> wp.array:
@@ -91,14 +92,14 @@ class TextureTrainer:
         data.bits = wp.zeros(HISTORY, dtype=float, device=device)
         return data
 
-    def _launches(self, network_rate: float, weights: Sequence[float], seed: int) -> None:
+    def _launches(self, network_rate: float, loss: TextureLoss, seed: int) -> None:
         net, on_cuda = self.net, self.device.is_cuda
         self.optimizer = Adam(net.master, lr=network_rate * self.schedule.network, beta1=0.9, beta2=0.99)
         sizes = np.array([self.tiles * TILE * TILE])
         self.progress = make_progress(self.optimizer, sizes, 128.0 if on_cuda else 1.0, seed)
         options = make_update(self.optimizer, net.master.size, 1, None, on_cuda)
         self.batch = TextureBatch(self.spec, self.tiles, self.device)
-        sample, loss = make_sample(self.spec, self.tiles, net.vec_in), known_l2.weighted(*weights)
+        sample = make_sample(self.spec, self.tiles, net.vec_in)
         kind = FusedCuda if on_cuda else FusedCpu
         common = net, self.optimizer, self.progress, options
         self.launches = kind(*common, sample, self.data, loss, sizes, encoded_batch=self.batch)

@@ -1,0 +1,109 @@
+"""What `compress` is to do: maps, mip levels and what their errors cost, and what a training run of them has led to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import log
+from typing import Any, get_args
+from zlib import crc32
+
+import numpy as np
+import warp as wp
+
+from warp_neural.kernels.errors import is_finite, require
+from warp_neural.kernels.texture.losses import Cost, TextureLoss, known_l2
+from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.texture.decoder import Decoder
+from warp_neural.texture.file import coded_bits
+from warp_neural.texture.levels import padded_sizes
+from warp_neural.texture.maps import TextureSet, mip_chain, without_hidden
+from warp_neural.texture.measure import psnr
+from warp_neural.texture.presets import spec_of
+from warp_neural.texture.state import Map
+from warp_neural.texture.trainer import TextureTrainer
+
+CODED = 0.93  # of the trainer's bits, after contexts are fitted
+COLOURS = "srgb", "hdr"
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be compressed, and with what."""
+
+    maps: tuple[Map, ...]
+    levels: tuple[np.ndarray, ...]
+    targets: list[np.ndarray]
+    loss: TextureLoss
+    device: wp.Device
+    seed: int
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """JSON that another job has otherwise."""
+        digest = 0
+        for level in self.targets:
+            digest = crc32(np.ascontiguousarray(level), digest)
+        sizes = [list(level.shape) for level in self.levels]
+        return {"pictures": digest, "sizes": sizes, "loss": repr(self.loss), "seed": self.seed}
+
+    @property
+    def texels(self) -> int:
+        return self.levels[0].shape[0] * self.levels[0].shape[1]
+
+    def spec(self, bits: float) -> TextureSpec:
+        return spec_of(*self.levels[0].shape, len(self.levels), bits)
+
+    def trainer(
+        self, spec: TextureSpec, precision: float, steps: int, tiles: int, rate_weight: float
+    ) -> TextureTrainer:
+        options = {"loss": self.loss, "seed": self.seed, "device": self.device, "precision": precision}
+        return TextureTrainer(spec, self.targets, rate_weight=rate_weight, steps=steps, tiles=tiles, **options)
+
+    def log_bits(self, trainer: TextureTrainer, rest: float) -> float:
+        """Of all latents, as the trainer counts them, and `rest`."""
+        texels = int(padded_sizes(trainer.spec).prod(1).sum())
+        return log(CODED * trainer.bits * texels + rest)
+
+    def log_coded(self, trainer: TextureTrainer, less: float) -> float:
+        """Of the file less what it surely holds beside latents."""
+        return log(max(coded_bits(trainer.state(self.maps)) - less, 1.0))
+
+    def psnr(self, trainer: TextureTrainer) -> float:
+        """Of mip 0, in dB."""
+        return psnr(self.levels[0], Decoder(trainer.state(self.maps), self.device).decode())
+
+
+def make_job(
+    texture_set: TextureSet,
+    mips: int | None,
+    weights: Mapping[str, float] | None,
+    losses: Mapping[str, Cost] | None,
+    device: wp.Device,
+    seed: int,
+) -> Job:
+    levels = mip_chain(texture_set, mips or len(texture_set.levels))
+    targets = without_hidden(levels, texture_set.maps)
+    return Job(texture_set.maps, tuple(levels), targets, loss_of(texture_set.maps, weights, losses), device, seed)
+
+
+def loss_of(
+    maps: tuple[Map, ...], weights: Mapping[str, float] | None, losses: Mapping[str, Cost] | None
+) -> TextureLoss:
+    """By the names of maps; 1 and "l2" where nothing is given."""
+    weights, losses, names = weights or {}, losses or {}, [each.name for each in maps]
+    for what, given in (("weights", weights), ("losses", losses)):
+        for name in given:
+            require(name in names, what, name, f"names of maps, {', '.join(names)}")
+    for name, value in weights.items():
+        require(is_finite(value) and value >= 0, f"weights: {name}", value, "a finite number, not negative")
+    starts = dict(zip(names, np.cumsum([0, *(len(each.trained) for each in maps)]).tolist(), strict=False))
+    triples: dict[str, list[int]] = {"l2": [], "direction": [], "perceptual": []}
+    for name, cost in losses.items():
+        each = maps[names.index(name)]
+        require(cost in get_args(Cost), f"losses: {name}", cost, f"one of {', '.join(get_args(Cost))}")
+        fits = {"l2": True, "direction": each.kind == "normal", "perceptual": each.kind in COLOURS}[cost]
+        fits = fits and (cost == "l2" or each.trained[:3] == (0, 1, 2))
+        require(fits, f"losses: {name}", cost, '"direction" for normals, "perceptual" for colours, of three channels')
+        triples[cost].append(starts[name])
+    by_channel = [weights.get(each.name, 1.0) for each in maps for _ in each.trained]
+    loss = known_l2.weighted(*by_channel) if weights else known_l2
+    return replace(loss, normals=tuple(triples["direction"]), colours=tuple(triples["perceptual"]))
