@@ -2,8 +2,9 @@
 
 Each runs in a process of its own and alone. On CUDA all run at once before that, one round each into a folder that goes
 away: their kernels then lie compiled in Warp's cache, and the measurements take little but their own time. `cpu` and
-`samples` are left out with `--device cuda`, `samples` and `profile` with `--quick`, `profile` without CUDA. Ends with
-`python -m perf.report` if told to `--record`.
+`samples` are left out with `--device cuda`, `samples` and `profile` with `--quick`, `profile` without CUDA,
+`texture_codecs` without `--material FOLDER`, `texture_torch` without PyTorch. Ends with `python -m perf.report` if told
+to `--record`.
 """
 
 import subprocess
@@ -11,6 +12,9 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 
 from perf import report
 from perf.measure import Config
@@ -18,14 +22,23 @@ from warp_neural.cli import resolve_device, run
 
 NAMES = (
     "inference", "training", "divergence", "profile", "fusion", "layout", "precision", "compile", "mipmap", "cpu",
-    "samples",
+    "samples", "texture_torch", "texture_codecs",
 )  # fmt: skip
-NOT_AHEAD = ("compile", "profile", "cpu", "samples")  # have caches of their own, kernels of others, or none for CUDA
+NOT_AHEAD = ("compile", "profile", "cpu", "samples", "texture_codecs")  # have own caches, others' kernels, or run long
 MOST_SECONDS = 300  # of one measurement
+MOST_SECONDS_OF_CODECS = 7200  # FLIP takes seconds a map and setting, files minutes each on the CPU
 
 
-def chosen(config: Config, cuda: bool) -> list[str]:
+@dataclass(frozen=True, kw_only=True)
+class AllConfig(Config):
+    material: Path | None = None
+    """folder of a material for `texture_codecs`"""
+
+
+def chosen(config: AllConfig, cuda: bool) -> list[str]:
     left_out = {"samples", "profile"} if config.quick else set()
+    left_out |= set() if config.material else {"texture_codecs"}
+    left_out |= set() if find_spec("torch") else {"texture_torch"}
     left_out |= set() if cuda else {"profile"}
     left_out |= {"cpu", "samples"} if cuda and config.device != "auto" else set()
     return [name for name in NAMES if name not in left_out]
@@ -33,10 +46,11 @@ def chosen(config: Config, cuda: bool) -> list[str]:
 
 def measure(name: str, options: list[str]) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", f"perf.{name}", *options]
+    most = MOST_SECONDS_OF_CODECS if name == "texture_codecs" else MOST_SECONDS
     try:
-        return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=MOST_SECONDS)
+        return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=most)
     except subprocess.TimeoutExpired:
-        return subprocess.CompletedProcess(command, 1, stderr=f"it took more than {MOST_SECONDS} s")
+        return subprocess.CompletedProcess(command, 1, stderr=f"it took more than {most} s")
 
 
 def compile_ahead(names: list[str], options: list[str]) -> None:
@@ -47,7 +61,7 @@ def compile_ahead(names: list[str], options: list[str]) -> None:
             pool.submit(subprocess.run, command, capture_output=True, timeout=MOST_SECONDS)
 
 
-def main(config: Config) -> dict:
+def main(config: AllConfig) -> dict:
     device = resolve_device(config.device)
     names = chosen(config, device.is_cuda)
     options = ["--seed", str(config.seed)] + ["--quick"] * config.quick
@@ -60,7 +74,8 @@ def main(config: Config) -> dict:
     options += ["--record"] * config.record
     for name in names:
         start = time.perf_counter()
-        done = measure(name, options + (["--device", "cpu"] if name == "cpu" else where))
+        material = ["--material", str(config.material)] if name == "texture_codecs" else []
+        done = measure(name, options + material + (["--device", "cpu"] if name == "cpu" else where))
         metrics[f"{name}_seconds"] = time.perf_counter() - start
         if done.returncode:
             failed.append(name)
@@ -75,4 +90,4 @@ def main(config: Config) -> dict:
 
 
 if __name__ == "__main__":
-    run(main, Config)
+    run(main, AllConfig)

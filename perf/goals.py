@@ -11,7 +11,7 @@ from perf import recorded
 from perf.networks import SHAPES, shape_name
 from perf.results import Result
 
-MIPMAPS, VECTORS, TRAINING = "Mip maps", "Cooperative vectors", "Training"
+MIPMAPS, VECTORS, TRAINING, TEXTURES = "Mip maps", "Cooperative vectors", "Training", "Neural textures"
 TERA = "TFLOP/s"
 
 
@@ -199,7 +199,20 @@ def training_goals() -> list[Goal]:
     ]
 
 
-GOALS = [*mipmap_goals(), *inference_goals(), *training_goals()]
+def texture_goals() -> list[Goal]:
+    step, eager = ("Warp Neural", "step"), ("PyTorch eager, float32", "step")
+    timed = [
+        Goal(TEXTURES, "a step of 65,536 texels with rate term", "texture_torch", *step, 0.25, most=True, unit="ms"),
+        Goal(TEXTURES, "the same step in PyTorch, eager", "texture_torch", *eager, 30, of=step),
+    ]
+    least = ("ahead: PSNR", "least of RTXNTC (recorded)", 1.0)
+    return timed + [
+        Goal(TEXTURES, f"above RTXNTC's line, {name}", f"texture_codecs_{name}", *least, cuda=False, unit="dB")
+        for name in recorded.RTXNTC
+    ]
+
+
+GOALS = [*mipmap_goals(), *inference_goals(), *training_goals(), *texture_goals()]
 
 # goals without a figure: the suite holds them
 TESTED = {

@@ -22,7 +22,7 @@ of them span. *Recorded*: measured by others or elsewhere, not in that run. LxN:
 """
 ORDER = (
     "inference", "divergence", "fusion", "layout", "precision", "training", "compile", "cpu", "mipmap", "samples",
-    "profile",
+    "texture_torch", "profile",
 )  # fmt: skip
 
 

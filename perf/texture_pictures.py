@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from perf import texture_sphere
-from perf.texture_peers import Coded, Maps
+from perf.texture_peers import BLOCKS, Coded, Maps
 from perf.texture_points import OURS, RTXNTC, Judge, Point, higher_is_better
 
-CROP, ENLARGED = 64, 4  # texels of a crop's side, pixels of a texel's
+CROP, ENLARGED = 96, 4  # texels of a crop's side, pixels of a texel's
 LINE = 14  # of text, in pixels
-COLORS = {OURS: "C0", RTXNTC: "C1", "AVIF": "C2", "WebP": "C4", "JPEG": "C5", "BC1 to BC7": "C3", "smaller": "C7"}
-SHOWN = [("BC1 to BC7", "BC7, BC4", 24), *((codec, None, bits) for codec in (OURS, "AVIF") for bits in (1, 2, 4))]
+COLORS = {OURS: "C0", RTXNTC: "C1", "AVIF": "C2", "WebP": "C4", "JPEG": "C5", BLOCKS: "C3", "smaller": "C7"}
+SHOWN = [(BLOCKS, "BC7, BC4", 24), *((codec, None, bits) for bits in (1, 2, 4) for codec in (OURS, "AVIF"))]
 """Side by side: codec, setting or None, about how many bits a texel."""
+ABOUT = 1.4  # times more or fewer
 
 
 def curves(points: list[Point], material: str):
@@ -36,7 +36,7 @@ def panel(axis, points: list[Point], measure: str) -> None:
     points = [point for point in points if measure in point.figures]
     for codec in dict.fromkeys(point.codec for point in points):
         shown = sorted((point.bits, point.figures[measure]) for point in points if point.codec == codec)
-        bare = codec.startswith("BC")
+        bare = codec == BLOCKS
         style = {"linewidth": 2.5 if codec == OURS else 1, "linestyle": "none" if bare else "-"}
         axis.plot(
             *zip(*shown, strict=True), "s" if bare else "o", markersize=4, color=COLORS[codec], label=codec, **style
@@ -49,16 +49,18 @@ def panel(axis, points: list[Point], measure: str) -> None:
 
 
 def side_by_side(coded: list[tuple[Coded, Point]]) -> list[tuple[Coded, Point]]:
-    """What SHOWN names."""
+    """What SHOWN names, where it is there."""
     chosen = []
     for codec, setting, bits in SHOWN:
         found = [pair for pair in coded if pair[0].codec == codec and setting in (None, pair[0].setting)]
-        chosen += [min(found, key=lambda pair: abs(np.log(pair[1].bits / bits)))] if found else []
+        nearest = min(found, key=lambda pair: abs(np.log(pair[1].bits / bits)), default=None)
+        if nearest and (setting or 1 / ABOUT < nearest[1].bits / bits < ABOUT):
+            chosen.append(nearest)
     return chosen
 
 
 def title(point: Point) -> str:
-    codec = point.setting if point.codec.startswith("BC") else point.codec
+    codec = point.setting if point.codec == BLOCKS else point.codec
     return f"{codec}, {point.bits:.2f} bits, {point.figures['PSNR']:.1f} dB"
 
 
@@ -87,13 +89,13 @@ def spheres(judge: Judge, chosen: list[tuple[Coded, Point]]):
 
     columns = 4
     rows = -(-(1 + len(chosen)) // columns)
-    figure = Figure(figsize=(4 * columns, 4.3 * rows), layout="constrained")
+    figure = Figure(figsize=(6 * columns, 6.3 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for axis in axes:
         axis.axis("off")
     axes[0].imshow(np.clip(judge.sphere, 0, 1))
     axes[0].set_title("original", fontsize=9)
     for axis, (coded, point) in zip(axes[1:], chosen, strict=False):
-        axis.imshow(np.clip(texture_sphere.render(coded.maps, judge.device), 0, 1))
+        axis.imshow(np.clip(judge.rendered(coded.maps), 0, 1))
         axis.set_title(f"{title(point)}, FLIP {point.figures['sphere FLIP']:.3f}", fontsize=9)
     return figure

@@ -9,6 +9,7 @@ from warp_neural.materials.shading import brdf, display
 
 LIGHT = (-0.35, 0.4, 0.85)  # towards it: from the upper left, in front
 BRIGHTNESS = wp.constant(2.0)  # of the light, times that of the shader
+USED = ("albedo", "normal", "normal_dx", "roughness", "gloss", "metalness", "ao")  # maps that it shows
 MIN_Z = wp.constant(0.02)  # normals stay above the surface
 
 
@@ -43,6 +44,10 @@ def render(maps: dict[str, np.ndarray], device: wp.Device) -> np.ndarray:
     """Displayed [height, width, 3] of maps uint8 [height, width, channels] as stored; absent ones are defaults."""
     shape = next(iter(maps.values())).shape[:2]
     stored = {name: pixels.astype(np.float32) / 255 for name, pixels in maps.items()}
+    if "normal_dx" in stored:  # its y points down
+        stored["normal"] = np.abs(stored["normal_dx"] - np.float32((0, 1, 0)))
+    if "gloss" in stored:
+        stored["roughness"] = 1 - stored["gloss"]
     albedo = srgb_to_linear(stored["albedo"]) if "albedo" in stored else np.full((*shape, 3), 0.5)
     normal = stored.get("normal", np.full((*shape, 3), (0.5, 0.5, 1.0)))
     inputs = [wp.array(each, dtype=wp.vec3, device=device) for each in (albedo, normal)]

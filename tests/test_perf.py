@@ -78,13 +78,17 @@ def test_measurement(alone, module, tmp_path, capfd):
     assert load_image(tmp_path / f"{name}.png").std() > 0.01
 
 
-def test_all_measurements_are_run():
+def test_all_measurements_are_run(monkeypatch):
     names = {module.__name__.removeprefix("perf.") for module in MEASUREMENTS}
-    assert names | {"profile"} == set(__main__.NAMES) == set(report.ORDER)
-    config = measure.Config(quick=True)
-    assert not {"samples", "profile"} & set(__main__.chosen(config, cuda=True))
-    assert "profile" not in __main__.chosen(measure.Config(), cuda=False)
-    assert set(__main__.NAMES) - set(__main__.chosen(measure.Config(device="cuda"), cuda=True)) == {"cpu", "samples"}
+    names |= {"profile", "texture_torch"}
+    assert names == set(report.ORDER) and names | {"texture_codecs"} == set(__main__.NAMES)
+    monkeypatch.setattr(__main__, "find_spec", lambda name: None)
+    config = __main__.AllConfig(quick=True)
+    assert not {"samples", "profile", "texture_torch", "texture_codecs"} & set(__main__.chosen(config, cuda=True))
+    monkeypatch.setattr(__main__, "find_spec", lambda name: name)
+    assert "profile" not in __main__.chosen(config, cuda=False)
+    config = __main__.AllConfig(device="cuda", material=Path("stones"))
+    assert set(__main__.NAMES) - set(__main__.chosen(config, cuda=True)) == {"cpu", "samples"}
 
 
 def test_run_stops_where_one_fails(monkeypatch, tmp_path, capsys):
@@ -93,7 +97,7 @@ def test_run_stops_where_one_fails(monkeypatch, tmp_path, capsys):
 
     monkeypatch.setattr(__main__, "measure", lambda name, options: Done)
     with pytest.raises(SystemExit):
-        __main__.main(measure.Config(device="cpu", out=tmp_path, quick=True))
+        __main__.main(__main__.AllConfig(device="cpu", out=tmp_path, quick=True))
     assert "perf.layout failed:\nthe reason" in capsys.readouterr().err
 
 
