@@ -200,23 +200,12 @@ def training_goals() -> list[Goal]:
 
 
 def texture_goals() -> list[Goal]:
-    step, eager, least = ("Warp Neural", "step"), ("PyTorch eager, float32", "step"), "least of RTXNTC (recorded)"
-    timed = [
+    step, eager = ("Warp Neural", "step"), ("PyTorch eager, float32", "step")
+    least = {"row": "ahead: PSNR", "column": "least of RTXNTC (recorded)", "limit": 1, "cuda": False, "unit": "dB"}
+    return [
         Goal(TEXTURES, "a step of 65,536 texels with rate term", "texture_torch", *step, 0.25, most=True, unit="ms"),
         Goal(TEXTURES, "the same step in PyTorch, eager", "texture_torch", *eager, 30, of=step),
-    ]
-    return timed + [
-        Goal(
-            TEXTURES,
-            f"above RTXNTC's line, {name}",
-            f"texture_codecs_{name}",
-            "ahead: PSNR",
-            least,
-            1,
-            cuda=False,
-            unit="dB",
-        )
-        for name in recorded.RTXNTC
+        *(Goal(TEXTURES, f"above RTXNTC's line, {m}", f"texture_codecs_{m}", **least) for m in recorded.RTXNTC),
     ]
 
 

@@ -6,7 +6,7 @@ from perf.texture_peers import BLOCKS, Coded, Maps
 from perf.texture_points import OURS, RTXNTC, Judge, Point, higher_is_better
 
 CROP, ENLARGED = 96, 4  # texels of a crop's side, pixels of a texel's
-LINE = 14  # of text, in pixels
+LINE = 20  # of text, in pixels
 COLORS = {OURS: "C0", RTXNTC: "C1", "AVIF": "C2", "WebP": "C4", "JPEG": "C5", BLOCKS: "C3", "smaller": "C7"}
 SHOWN = [(BLOCKS, "BC7, BC4", 24), *((codec, None, bits) for bits in (1, 2, 4) for codec in (OURS, "AVIF"))]
 """Side by side: codec, setting or None, about how many bits a texel."""
@@ -79,7 +79,7 @@ def column(title: str, maps: Maps) -> np.ndarray:
         cell = np.repeat(pixels[top : top + CROP, left : left + CROP], 3 // pixels.shape[2], axis=2)
         cells.append(np.pad(cell.repeat(ENLARGED, 0).repeat(ENLARGED, 1), ((0, 2), (0, 2), (0, 0))))
     heading = Image.new("RGB", (cells[0].shape[1], LINE), "white")
-    ImageDraw.Draw(heading).text((2, 1), title, fill="black")
+    ImageDraw.Draw(heading).text((2, 1), title, fill="black", font_size=LINE - 5)
     return np.concatenate([np.asarray(heading), *cells])
 
 
