@@ -25,37 +25,38 @@ class GridLaunches:
     """Of one grid. noisy: its latents in the tiles of a step."""
 
     def __init__(self, spec: TextureSpec, g: int, tiles: int, encoded: wp.array):
-        grid, n, cells = spec.grids[g], side(spec.grids[g].scale), TILE // spec.grids[g].scale
-        self.spec, self.g, self.tiles, self.encoded, self.channels = spec, g, tiles, encoded, grid.channels
-        self.noisy = wp.zeros(tiles * n * n * grid.channels, dtype=float, device=encoded.device)
-        self.cells, self.side, self.scale, self.learns = cells, n, grid.scale, grid.kernel != "bilinear"
-        self.codes = grid.bits > 1
+        grid, which = spec.grids[g], (spec, g, encoded.dtype)
+        self.tiles, self.encoded, self.channels, self.scale = tiles, encoded, grid.channels, grid.scale
+        self.cells, self.side = TILE // grid.scale, side(grid.scale)
+        self.noisy = wp.zeros(tiles * self.side**2 * grid.channels, dtype=float, device=encoded.device)
+        self.disturb_kernel, self.features_kernel = make_disturb_kernel(spec, g), make_features_kernel(*which)
+        self.adjoint_kernel, self.update_kernel = make_adjoint_kernel(*which), make_latents_kernel(spec, g)
+        self.taps_kernel = make_kernel_adjoint_kernel(*which) if grid.kernel != "bilinear" else None
+        self.rate_kernel = make_rate_kernel(spec, g) if grid.bits > 1 else None
+
+    @property
+    def kernels(self) -> list[wp.Kernel]:
+        return [kernel for kernel in vars(self).values() if isinstance(kernel, wp.Kernel)]
 
     def encode(self, progress: Progress, data: TextureData) -> None:
         arguments = [progress, data, self.tiles, self.noisy]
-        groups = ceil(self.channels / 4)
-        self.launch(make_disturb_kernel(self.spec, self.g), (self.side, self.side, groups), arguments)
-        kernel = make_features_kernel(self.spec, self.g, self.encoded.dtype)
-        self.launch(kernel, (TILE, self.cells, self.channels), [*arguments, self.encoded])
+        self.launch(self.disturb_kernel, (self.side, self.side, ceil(self.channels / 4)), arguments)
+        self.launch(self.features_kernel, (TILE, self.cells, self.channels), [*arguments, self.encoded])
 
     def adjoint(self, progress: Progress, data: TextureData) -> None:
-        which = self.spec, self.g, self.encoded.dtype
         dim = TILE // adjoint_rows(self.scale), self.cells, self.channels
-        self.launch(make_adjoint_kernel(*which), dim, [progress, data, self.tiles, self.encoded])
-        if self.learns:
-            parts = self.tiles * kernel_parts(self.scale)
-            dim = parts, self.scale, self.scale, self.channels
-            kernel = make_kernel_adjoint_kernel(*which)
-            wp.launch(kernel, dim, [data, self.noisy, self.encoded], device=self.encoded.device, record_tape=False)
+        self.launch(self.adjoint_kernel, dim, [progress, data, self.tiles, self.encoded])
+        if self.taps_kernel:
+            dim = self.tiles * kernel_parts(self.scale), self.scale, self.scale, self.channels
+            arguments = [data, self.noisy, self.encoded]
+            wp.launch(self.taps_kernel, dim, arguments, device=self.encoded.device, record_tape=False)
 
     def rate(self, progress: Progress, data: TextureData) -> None:
-        if self.codes:
-            arguments = [progress, data, self.tiles, self.noisy]
-            self.launch(make_rate_kernel(self.spec, self.g), (self.cells, self.channels), arguments)
+        if self.rate_kernel:
+            self.launch(self.rate_kernel, (self.cells, self.channels), [progress, data, self.tiles, self.noisy])
 
     def update(self, progress: Progress, data: TextureData, share: float) -> None:
-        dim = self.side, self.side, self.channels
-        self.launch(make_latents_kernel(self.spec, self.g), dim, [progress, data, self.tiles, share])
+        self.launch(self.update_kernel, (self.side, self.side, self.channels), [progress, data, self.tiles, share])
 
     def launch(self, kernel: wp.Kernel, dim: tuple[int, ...], arguments: list) -> None:
         wp.launch(kernel, (self.tiles, *dim), arguments, device=self.encoded.device, record_tape=False)
@@ -71,6 +72,7 @@ class TextureBatch:
         dtype = wp.float16 if device.is_cuda else wp.float32
         self.values = wp.zeros((tiles * TILE * TILE, spec.n_in), dtype=dtype, device=device)
         self.grids = [GridLaunches(spec, g, tiles, self.values) for g in range(len(spec.grids))]
+        wp.force_load(device, [kernel.module for grid in self.grids for kernel in grid.kernels])  # side by side
         self.streams = [wp.Stream(device) if device.is_cuda else None for _ in self.grids]
 
     def encode(self, inputs: list) -> None:
