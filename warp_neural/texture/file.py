@@ -25,7 +25,6 @@ from warp_neural.texture.state import Tensor, TextureState
 MAGIC, VERSION = b"WNTC", 1
 SECTIONS = ("header", "network", "contexts", "index")  # before the latents
 BLOCK = 256  # texels of a block's side
-STEPS, QUICK_STEPS = 200, 100  # of fitting the contexts
 
 Latents = Sequence[Sequence[np.ndarray]]
 
@@ -47,8 +46,8 @@ def to_bytes(state: TextureState) -> bytes:
 
 
 def coded_bits(state: TextureState) -> int:
-    """The size of its file, within about 1 %: for searches, in half the time."""
-    return 8 * len(_joined(_parts(state, QUICK_STEPS)))
+    """The size of its file."""
+    return 8 * len(to_bytes(state))
 
 
 def load_state(path: Path | str, device: wp.DeviceLike = "cpu") -> TextureState:
@@ -115,8 +114,8 @@ def _check_version(reader: Reader) -> None:
     reader.require(start[4] == VERSION, "an unknown version")
 
 
-def _parts(state: TextureState, steps: int = STEPS) -> dict[str, Any]:
-    fitted, streams, order = _coded(state.spec, state.latents, steps)
+def _parts(state: TextureState) -> dict[str, Any]:
+    fitted, streams, order = _coded(state.spec, state.latents)
     head = header.pack(Header(state.spec, BLOCK, state.maps, state.extra))
     return {
         "header": section(head, MAGIC + bytes([VERSION])),
@@ -132,7 +131,7 @@ def _joined(parts: dict[str, Any]) -> bytes:
     return b"".join([*(parts[name] for name in SECTIONS), *latents])
 
 
-def _coded(spec: TextureSpec, latents: Latents, steps: int) -> tuple[list[Context], list, list[tuple[int, int]]]:
+def _coded(spec: TextureSpec, latents: Latents) -> tuple[list[Context], list, list[tuple[int, int]]]:
     """(contexts, streams of each mip, grid and block, the order of mips and grids in the file)."""
     blocks, n = Blocks(spec, BLOCK), len(spec.grids)
     latents = [
@@ -142,9 +141,7 @@ def _coded(spec: TextureSpec, latents: Latents, steps: int) -> tuple[list[Contex
     used = [np.any([mip[g].any((0, 1)) for mip in latents], 0) for g in range(n)]
     live = [[np.ascontiguousarray(mip[g][..., used[g]]) for g in range(n)] for mip in latents]
     above = [[*mip[1:], mip[-1][..., :0]] for mip in live]
-    fitted = [
-        fit([mip[g] for mip in live], [mip[g] for mip in above], blocks.side(g), used[g], steps) for g in range(n)
-    ]
+    fitted = [fit([mip[g] for mip in live], [mip[g] for mip in above], blocks.side(g), used[g]) for g in range(n)]
     streams = [
         [
             encode_grid(live[mip][g], above[mip][g], fitted[g].integers, blocks.places(mip, g), blocks.side(g))

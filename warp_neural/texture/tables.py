@@ -43,6 +43,7 @@ def _tails(which: int) -> list[int]:
     return list(accumulate(range(8 * reach(which) + 8), lambda tail, _: tail * one >> 32, initial=1 << 32))
 
 
+@cache
 def laplace(which: int, phase: int) -> list[int]:
     """Of the Laplace distribution around a centre `phase` eighths above symbol 0."""
     tails = _tails(which)
