@@ -1,6 +1,7 @@
 """The entropy coder on a device: blocks of latents, and lists of numbers, to bytes and back."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -19,7 +20,7 @@ def encode_grid(
     """
     rows, columns, channels = latents.shape
     most = 2 * min(side, rows) * min(side, columns) * channels
-    inputs = [wp.array(each, device="cpu") for each in (latents, parents, context, *laplace_tables())]
+    inputs = [wp.array(each, device="cpu") for each in (latents, parents, context)] + _tables("cpu")
     notes, space = wp.empty(most, wp.uint32, "cpu"), wp.empty(3 * most + 4, wp.uint8, "cpu")
     size, streams = wp.empty(1, int, "cpu"), []
     inputs.append(wp.empty((1, space_words(side)), int, "cpu"))
@@ -42,11 +43,17 @@ def decode_grid(
     """
     device = latents.device
     damaged = wp.zeros(len(blocks), int, device)
-    tables = [wp.array(each, device=device) for each in (context, *laplace_tables())]
-    tables.append(wp.empty((len(blocks), space_words(side)), int, device))
-    place = [data, wp.array(blocks, dtype=int, device=device), side, _ratio(latents, parents)]
-    wp.launch(decode_blocks_kernel(), len(blocks), [*place, latents, parents, *tables, damaged], device=device)
+    lanes = 32 if device.is_cuda else 1
+    place = [data, wp.array(blocks, dtype=int, device=device), side, _ratio(latents, parents), latents, parents]
+    place += [wp.array(context, device=device), *_tables(device.alias)]
+    place += [wp.empty((len(blocks), space_words(side)), int, device), lanes, damaged]
+    wp.launch(decode_blocks_kernel(), lanes * len(blocks), place, device=device, block_dim=32, record_tape=False)
     return damaged.numpy() != 0
+
+
+@cache
+def _tables(device: str) -> list[wp.array]:
+    return [wp.array(each, device=device) for each in laplace_tables()]
 
 
 def _ratio(latents: np.ndarray | wp.array, parents: np.ndarray | wp.array) -> int:

@@ -6,9 +6,11 @@ by turns above and below, last of all of the symbols that it does not have. 96 s
 
 from decimal import Decimal, localcontext
 from functools import cache
-from itertools import accumulate
+from itertools import accumulate, chain
 
 import numpy as np
+
+from warp_neural.kernels.texture.coding import AFTER, AFTER_ALL
 
 SCALES = 96
 PHASES = 5  # eighths of a step from a symbol to the centre, 0 to 4
@@ -26,14 +28,22 @@ def reach(which: int) -> int:
 
 
 @cache
-def laplace_tables() -> tuple[np.ndarray, np.ndarray]:
-    """(all tables uint16, of each scale in turn those of its phases; int32 where each begins, and the end)."""
-    return joined([laplace(which, phase) for which in range(SCALES) for phase in range(PHASES)])
+def laplace_tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(all tables uint16, of each scale in turn those of its phases; int32 where each begins, and the end; int32 the
+    last value of symbol 0 of each, then -1 for each)."""
+    tables = [laplace(which, phase) for which in range(SCALES) for phase in range(PHASES)]
+    zeros = np.full(2 * len(tables), -1, np.int32)
+    zeros[: len(tables)] = [table[1] for table in tables]
+    return *joined(tables), zeros
 
 
 def joined(tables: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
-    offsets = np.cumsum([0, *map(len, tables)], dtype=np.int32)
-    return np.concatenate([np.array(table, np.uint16) for table in tables]), offsets
+    """One after the other, AFTER entries between, and where each begins, and the end."""
+    after = [0xFFFF] * AFTER
+    offsets = np.cumsum([0, *(len(table) + AFTER for table in tables)], dtype=np.int32)
+    return np.array(
+        [*chain.from_iterable(table + after for table in tables), *[0xFFFF] * AFTER_ALL], np.uint16
+    ), offsets
 
 
 @cache
