@@ -67,7 +67,8 @@ def _each_number(name: str) -> str:
 
 _DECODE_LATENT = "int value;\n" + _symbol("decode_symbol.h", LATENT_BITS)
 _DECODE_LATENT += "here[c] = (signed char)value;\nlatent = (signed char)value;\n"
-_NOTE_LATENT = f"const int value = here[c];\nlatent = value;\n{_symbol('note_symbol.h', LATENT_BITS)}"
+_NOTE_LATENT = "const int value = here[c], last = offsets[w + 1] - 1 - AFTER - offsets[w];\nlatent = value;\n"
+_NOTE_LATENT += _symbol("note_symbol.h", LATENT_BITS)
 
 
 @cache

@@ -14,7 +14,7 @@ from warp_neural.kernels.texture.fitting import LANES, VECTORS, fit_kernel
 from warp_neural.texture.contexts import LARGEST, NEAR, Context, nearest_level, shapes
 
 CELLS = 16384  # that are looked at, of all mips
-BATCH = 1024
+BATCH = 512
 STEPS = 200
 
 
@@ -40,15 +40,15 @@ def _sample(grid: np.ndarray, parents: np.ndarray, side: int, share: float, rand
     rows, columns, n = grid.shape
     chosen = random.permutation(rows * columns)[: max(round(rows * columns * share), 1)]
     y, x = np.divmod(chosen, columns)
-    near = np.zeros((len(chosen), 6, n), np.int8)
+    cells, near = grid.reshape(-1, n), np.empty((len(chosen), 6, n), np.int8)
     for k, (dy, dx) in enumerate(NEAR):
         i, j = y + dy, x + dx
         inside = (i >= 0) & (i // side == y // side) & (j >= 0) & (j < columns) & (j // side == x // side)
-        near[inside, k] = grid[i[inside], j[inside]]
+        near[:, k] = cells[np.where(inside, i * columns + j, 0)] * inside[:, None]
     ratio = rows // parents.shape[0]
     up, left = y // ratio, x // ratio
     down, right = (up + 1) % parents.shape[0], (left + 1) % parents.shape[1]
-    return grid[y, x], near, sum(np.abs(parents[i, j], dtype=np.int16) for i in (up, down) for j in (left, right))
+    return cells[chosen], near, sum(np.abs(parents[i, j], dtype=np.int16) for i in (up, down) for j in (left, right))
 
 
 def _start(own: np.ndarray, p: int) -> np.ndarray:

@@ -1,7 +1,7 @@
 // Every latent of a block with the table of its context: rows from row to row_end, columns from column to column_end,
-// channels inside. CODE stands for the text that reads or writes the latent: from `table`, `centre` and `phase` it sets
-// `latent`; ZERO for what comes before. docs/wntc.md states the same in words. Integers, and floats that hold them
-// exactly: every machine has the same. Constants: TABLES, how many; AFTER, entries after each.
+// channels inside. CODE stands for the text that reads or writes the latent: from `table`, number w, `centre` and
+// `phase` it sets `latent`; ZERO for what comes before. docs/wntc.md states the same in words. Integers, and floats that
+// hold them exactly: every machine has the same. Constants: TABLES, how many; AFTER, entries after each.
 // Names: lanes.h; latents [rows, columns, channels], parents [parent_rows, parent_columns, parent_channels], a
 // context's numbers one after the other in `context`, `tables` and their `offsets`, `zeros`: of each table the last
 // value of 0, then of each -1, for where 0 is not the nearest symbol; ratio of a parent's cell to a latent's, side of
@@ -75,8 +75,7 @@ for (int y = row; y < row_end; ++y) {
                 ZERO
                 const int e = of(eighths, c), centre = (e + 4) >> 3, phase = e - 8 * centre;
                 const int w = of(which, c) - (centre ? TABLES : 0);
-                const int begin = offsets[w], last = offsets[w + 1] - 1 - AFTER - begin;
-                const unsigned short* const table = tables + begin;
+                const unsigned short* const table = tables + offsets[w];
                 int latent;
                 CODE
                 if (!latent) continue;
