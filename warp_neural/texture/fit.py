@@ -40,7 +40,7 @@ def _sample(grid: np.ndarray, parents: np.ndarray, side: int, share: float, rand
     rows, columns, n = grid.shape
     chosen = random.permutation(rows * columns)[: max(round(rows * columns * share), 1)]
     y, x = np.divmod(chosen, columns)
-    cells, near = grid.reshape(-1, n), np.empty((len(chosen), 6, n), np.int8)
+    cells, near = grid.reshape(rows * columns, n), np.empty((len(chosen), 6, n), np.int8)
     for k, (dy, dx) in enumerate(NEAR):
         i, j = y + dy, x + dx
         inside = (i >= 0) & (i // side == y // side) & (j >= 0) & (j < columns) & (j // side == x // side)
