@@ -2,7 +2,9 @@
 
 Native text in `native/*.h`, C but for these kernels' first lines; docs/wntc.md has the format. tables: all tables one
 after the other, with where each begins in offsets, and the end; zeros: as `each_latent.h` has them; context: of a grid,
-its numbers in their order.
+its numbers in their order. latents, parents: [cells of all mips, channels]. blocks: of each its first row and column,
+the rows and columns of its mip, those of the parents, the first cell of the mip and of its parents, and, to decode, the
+first byte and the bytes in data.
 """
 
 from functools import cache
@@ -17,16 +19,20 @@ LATENT_BITS, NUMBER_BITS = 8, 16  # of a symbol that no table has
 TABLES = 480  # of latents
 AFTER, AFTER_ALL = 8, 32  # entries of 0xFFFF after each table, and after all: they are read at once, not one by one
 
+PLACE = 10  # numbers of a block: `_LATENTS`
+
 _LATENTS = """
-signed char* const latents = (signed char*)latents_.data;
-const signed char* const parents = (const signed char*)parents_.data;
+const int* const place = blocks.data + PLACE * block;
+const int row = place[0], column = place[1], rows = place[2], columns = place[3];
+const int parent_rows = place[4], parent_columns = place[5], channels = latents_.shape[1];
+const int parent_channels = parents_.shape[1];
+signed char* const latents = (signed char*)latents_.data + (long long)place[6] * channels;
+const signed char* const parents = (const signed char*)parents_.data + (long long)place[7] * parent_channels;
 const int* const context = context_.data;
 const unsigned short* const tables = tables_.data;
 const int* const offsets = offsets_.data;
 const int* const zeros = zeros_.data;
 int* const space = space_.data + space_.shape[1] * which_space;
-const int rows = latents_.shape[0], columns = latents_.shape[1], channels = latents_.shape[2];
-const int parent_rows = parents_.shape[0], parent_columns = parents_.shape[1], parent_channels = parents_.shape[2];
 const int row_end = row + side < rows ? row + side : rows;
 const int column_end = column + side < columns ? column + side : columns;
 """
@@ -42,6 +48,12 @@ for (int i = 0; i < (int)numbers.shape[0]; ++i) {
 }
 """
 _READ = "const unsigned char *at = data.data + first, *const end = at + size;\n" + paste(NATIVE / "start_decoding.h")
+_BYTES = (
+    constant("PLACE", PLACE)
+    + """
+const int first = blocks.data[PLACE * block + 8], size = blocks.data[PLACE * block + 9];
+"""
+)
 _WRITE = "unsigned* const notes = notes_.data;\nint count = 0;\n"
 _FINISH = "unsigned char* const bytes_end = bytes.data + bytes.shape[0];\n" + paste(NATIVE / "write_notes.h")
 _WHOLE = "return damaged || state != 1u << 23 || at != end;\n"
@@ -73,28 +85,26 @@ _NOTE_LATENT += _symbol("note_symbol.h", LATENT_BITS)
 
 @cache
 def decode_blocks_kernel() -> wp.Kernel:
-    """Thread i decodes block i of a grid, in CUDA warp i; lanes: of it, 1 or 32. blocks: its first row and column,
-    first byte and bytes in data. latents: zeros, [rows, columns, channels]. damaged: 1 where a stream does not end as
-    it must."""
+    """Thread i decodes block i of a grid, in CUDA warp i; lanes: of it, 1 or 32. latents: zeros. damaged: 1 where a
+    stream does not end as it must."""
 
-    @wp.func_native(_READ + _each_latent(_DECODE_LATENT, paste(NATIVE / "decode_zero.h")) + _WHOLE)
+    @wp.func_native(_BYTES + _READ + _each_latent(_DECODE_LATENT, paste(NATIVE / "decode_zero.h")) + _WHOLE)
     def decode(
-        data: wp.array[wp.uint8], first: int, size: int, row: int, column: int, side: int, ratio: int,
-        latents_: wp.array3d[wp.int8], parents_: wp.array3d[wp.int8], context_: wp.array[int],
+        data: wp.array[wp.uint8], blocks: wp.array2d[int], block: int, side: int, ratio: int,
+        latents_: wp.array2d[wp.int8], parents_: wp.array2d[wp.int8], context_: wp.array[int],
         tables_: wp.array[wp.uint16], offsets_: wp.array[int], zeros_: wp.array[int], space_: wp.array2d[int],
         which_space: int,
     ) -> int: ...  # fmt: skip
 
     @wp.kernel(module="unique", enable_backward=False)
     def decode_blocks(
-        data: wp.array[wp.uint8], blocks: wp.array2d[int], side: int, ratio: int, latents: wp.array3d[wp.int8],
-        parents: wp.array3d[wp.int8], context: wp.array[int], tables: wp.array[wp.uint16], offsets: wp.array[int],
+        data: wp.array[wp.uint8], blocks: wp.array2d[int], side: int, ratio: int, latents: wp.array2d[wp.int8],
+        parents: wp.array2d[wp.int8], context: wp.array[int], tables: wp.array[wp.uint16], offsets: wp.array[int],
         zeros: wp.array[int], space: wp.array2d[int], lanes: int, damaged: wp.array[int],
     ):  # fmt: skip
         i = wp.tid() // lanes
-        row, column, first, size = blocks[i, 0], blocks[i, 1], blocks[i, 2], blocks[i, 3]
         damaged[i] = decode(
-            data, first, size, row, column, side, ratio, latents, parents, context, tables, offsets, zeros, space, i
+            data, blocks, i, side, ratio, latents, parents, context, tables, offsets, zeros, space, i
         )  # fmt: skip
 
     return decode_blocks
@@ -102,26 +112,26 @@ def decode_blocks_kernel() -> wp.Kernel:
 
 @cache
 def encode_block_kernel() -> wp.Kernel:
-    """One thread writes the block that begins at row and column to the end of bytes; size: its bytes. notes: two words
-    a latent; bytes: three a note, and four."""
+    """One thread writes a block to the end of bytes; size: its bytes. notes: two words a latent; bytes: three a note,
+    and four."""
 
-    @wp.func_native(_WRITE + _each_latent(_NOTE_LATENT) + _FINISH + "return size;\n")
+    @wp.func_native(constant("PLACE", PLACE) + _WRITE + _each_latent(_NOTE_LATENT) + _FINISH + "return size;\n")
     def encode(
-        bytes: wp.array[wp.uint8], notes_: wp.array[wp.uint32], row: int, column: int, side: int, ratio: int,
-        latents_: wp.array3d[wp.int8], parents_: wp.array3d[wp.int8], context_: wp.array[int],
+        bytes: wp.array[wp.uint8], notes_: wp.array[wp.uint32], blocks: wp.array2d[int], block: int, side: int,
+        ratio: int, latents_: wp.array2d[wp.int8], parents_: wp.array2d[wp.int8], context_: wp.array[int],
         tables_: wp.array[wp.uint16], offsets_: wp.array[int], zeros_: wp.array[int], space_: wp.array2d[int],
         which_space: int,
     ) -> int: ...  # fmt: skip
 
     @wp.kernel(module="unique", enable_backward=False)
     def encode_block(
-        bytes: wp.array[wp.uint8], notes: wp.array[wp.uint32], row: int, column: int, side: int, ratio: int,
-        latents: wp.array3d[wp.int8], parents: wp.array3d[wp.int8], context: wp.array[int],
+        bytes: wp.array[wp.uint8], notes: wp.array[wp.uint32], blocks: wp.array2d[int], block: int, side: int,
+        ratio: int, latents: wp.array2d[wp.int8], parents: wp.array2d[wp.int8], context: wp.array[int],
         tables: wp.array[wp.uint16], offsets: wp.array[int], zeros: wp.array[int], space: wp.array2d[int],
         size: wp.array[int],
     ):  # fmt: skip
         size[0] = encode(
-            bytes, notes, row, column, side, ratio, latents, parents, context, tables, offsets, zeros, space, 0
+            bytes, notes, blocks, block, side, ratio, latents, parents, context, tables, offsets, zeros, space, 0
         )  # fmt: skip
 
     return encode_block

@@ -29,10 +29,15 @@ class Blocks:
         side = self.side(grid)
         return -(-rows // side), -(-columns // side)
 
+    def place(self, mip: int, grid: int, block: int) -> tuple[int, int]:
+        """First row and column of a block."""
+        side, (row, column) = self.side(grid), divmod(block, self.counts(mip, grid)[1])
+        return row * side, column * side
+
     def places(self, mip: int, grid: int) -> list[tuple[int, int]]:
-        """First row and column of each block."""
-        side, (rows, columns) = self.side(grid), self.counts(mip, grid)
-        return [(row * side, column * side) for row in range(rows) for column in range(columns)]
+        """Of each block."""
+        rows, columns = self.counts(mip, grid)
+        return [self.place(mip, grid, block) for block in range(rows * columns)]
 
     @property
     def order(self) -> list[tuple[int, int]]:

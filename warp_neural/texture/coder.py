@@ -20,44 +20,51 @@ def encode_grid(
     """
     rows, columns, channels = latents.shape
     most = 2 * min(side, rows) * min(side, columns) * channels
-    inputs = [wp.array(each, device="cpu") for each in (latents, parents, context)] + _tables("cpu")
+    places = np.array([place(*block, latents.shape, parents.shape) for block in blocks], np.int32)
+    flat = [each.reshape(each.shape[0] * each.shape[1], each.shape[2]) for each in (latents, parents)]
+    places, *inputs = (wp.array(each, device="cpu") for each in (places, *flat, context))
+    inputs += _tables("cpu")
     notes, space = wp.empty(most, wp.uint32, "cpu"), wp.empty(3 * most + 4, wp.uint8, "cpu")
     size, streams = wp.empty(1, int, "cpu"), []
     inputs.append(wp.empty((1, space_words(side)), int, "cpu"))
-    for row, column in blocks:
+    for i, (row, column) in enumerate(blocks):
         if not latents[row : row + side, column : column + side].any():
             streams.append(b"")
             continue
-        place = [space, notes, row, column, side, _ratio(latents, parents), *inputs, size]
-        wp.launch(encode_block_kernel(), 1, place, device="cpu")
+        arguments = [space, notes, places, i, side, rows // parents.shape[0], *inputs, size]
+        wp.launch(encode_block_kernel(), 1, arguments, device="cpu")
         streams.append(space.numpy()[len(space) - int(size.numpy()[0]) :].tobytes())
     return streams
 
 
-def decode_grid(
-    latents: wp.array, parents: wp.array, context: np.ndarray, blocks: np.ndarray, data: wp.array, side: int
-) -> np.ndarray:
-    """Decode blocks into `latents`, zeros as `encode_grid` has them, on their device; where a stream is damaged, bool.
+def place(
+    row: int, column: int, shape: tuple, parents: tuple, cell: int = 0, parent: int = 0, first: int = 0, size: int = 0
+) -> tuple[int, ...]:
+    """A block's row in the kernels' `blocks`. shape, parents: of the latents of its mip, and of the next coarser grid.
+    cell, parent: where these begin; first, size: the bytes of its stream."""
+    return row, column, *shape[:2], *parents[:2], cell, parent, first, size
 
-    blocks: int32 [., 4], the first row and column of each, the first byte and the bytes of its stream in data.
+
+def decode_grid(
+    latents: wp.array, parents: wp.array, context: np.ndarray, blocks: np.ndarray, data: wp.array, side: int, ratio: int
+) -> wp.array:
+    """Decode blocks into `latents`, zeros, on their device; not 0 where a stream is damaged, int32 [blocks].
+
+    latents, parents: int8 [cells of some mips, channels], without the channels that are zero everywhere. context: as
+    `Context.integers` has it. blocks: a `place` of each. ratio: of a cell of the parents to one of the latents.
     """
     device = latents.device
-    damaged = wp.zeros(len(blocks), int, device)
-    lanes = 32 if device.is_cuda else 1
-    place = [data, wp.array(blocks, dtype=int, device=device), side, _ratio(latents, parents), latents, parents]
-    place += [wp.array(context, device=device), *_tables(device.alias)]
-    place += [wp.empty((len(blocks), space_words(side)), int, device), lanes, damaged]
-    wp.launch(decode_blocks_kernel(), lanes * len(blocks), place, device=device, block_dim=32, record_tape=False)
-    return damaged.numpy() != 0
+    damaged, lanes = wp.zeros(len(blocks), int, device), 32 if device.is_cuda else 1
+    arguments = [data, wp.array(blocks, dtype=int, device=device), side, ratio, latents, parents]
+    arguments += [wp.array(context, device=device), *_tables(device.alias)]
+    arguments += [wp.empty((len(blocks), space_words(side)), int, device), lanes, damaged]
+    wp.launch(decode_blocks_kernel(), lanes * len(blocks), arguments, device=device, block_dim=32, record_tape=False)
+    return damaged
 
 
 @cache
 def _tables(device: str) -> list[wp.array]:
     return [wp.array(each, device=device) for each in laplace_tables()]
-
-
-def _ratio(latents: np.ndarray | wp.array, parents: np.ndarray | wp.array) -> int:
-    return latents.shape[0] // parents.shape[0]
 
 
 def encode_numbers(numbers: np.ndarray, which: np.ndarray, tables: tuple[np.ndarray, np.ndarray]) -> bytes:

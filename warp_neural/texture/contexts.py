@@ -6,6 +6,7 @@ units of 2^-12.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -33,7 +34,7 @@ class Context:
     arrays: tuple[np.ndarray, ...]
     """in the order of `shapes`"""
 
-    @property
+    @cached_property
     def integers(self) -> np.ndarray:
         """What the coder reads, int32 [.]: rows of n values and zeros to a multiple of 8; channels before as matrices
         [n, n]."""

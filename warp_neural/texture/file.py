@@ -16,7 +16,7 @@ from warp_neural.texture import contexts, header, numbers
 from warp_neural.texture.blocks import Blocks, Streams
 from warp_neural.texture.coder import encode_grid
 from warp_neural.texture.contexts import Context
-from warp_neural.texture.decode_blocks import decode_mip
+from warp_neural.texture.decode_blocks import decode_mips
 from warp_neural.texture.fit import fit
 from warp_neural.texture.header import Header
 from warp_neural.texture.sections import FileBytes, Reader, section
@@ -56,8 +56,8 @@ def load_state(path: Path | str, device: wp.DeviceLike = "cpu") -> TextureState:
     Raises `InputError` that names the file and the part for files of newer versions, other files and damaged ones.
     """
     file = TextureFile(path)
-    latents = tuple(file.latents(mip, device=device) for mip in range(file.spec.mips))
-    return TextureState(file.spec, latents, file.tensors, file.maps, file.extra)
+    latents = decode_mips(file, range(file.spec.mips), None, device)
+    return TextureState(file.spec, tuple(latents), file.tensors, file.maps, file.extra)
 
 
 class TextureFile:
@@ -101,7 +101,7 @@ class TextureFile:
     ) -> tuple[np.ndarray, ...]:
         """int8 [rows, columns, channels] of each grid of a mip; of a rectangle (left, top, width, height, in texels of
         the mip) the cells that it reads: of top // scale to one beyond (top + height - 1) // scale, wrapping."""
-        return decode_mip(self, mip, rectangle, device)
+        return decode_mips(self, [mip], rectangle, device)[0]
 
 
 def _check_version(reader: Reader) -> None:
