@@ -100,7 +100,7 @@ def refused(capfd, *args):
 
 
 def test_options_reach_the_codec(codec, capfd):
-    options = ["--size", "1.5KiB", "--weights", "albedo=2, normal=0.5", "--losses", "normal=direction"]
+    options = ["--size", "1.5KiB", "--weights", "albedo=2, normal=0.5", "--losses", "normal=angle"]
     options += ["--mips", "all", "--seed", "7", "--preview"]
     said = run(capfd, "compress", "rock", "-o", "out/rock.wntc", "--device", "cpu", *options)
     (call,) = codec
@@ -113,7 +113,7 @@ def test_options_reach_the_codec(codec, capfd):
         "preview": True,
         "mips": 4,
         "weights": {"albedo": 2.0, "normal": 0.5},
-        "losses": {"normal": "direction"},
+        "losses": {"normal": "angle"},
         "seed": 7,
         "checkpoint": Path("out/checkpoints/rock.wntc.safetensors"),
     }
@@ -221,7 +221,7 @@ BAD_COMPRESS = [
     ("--mips most", "--mips most: 9 x 6"),
     ("--maps colour", "--maps colour: rock holds albedo, normal, ao, sky"),
     ("--maps ,", "no maps"),
-    ("--losses normal=angle", "give maps and one of l2, direction, perceptual"),
+    ("--losses normal=cosine", "give maps and one of l2, angle, perceptual"),
     ("--weights normal", "give maps and numbers"),
     ("--weights normal=-1", "give maps and numbers"),
     ("--weights normal=inf", "give maps and numbers"),

@@ -62,7 +62,7 @@ def pictures(side=32):
 
 @pytest.fixture
 def short_runs(monkeypatch):
-    monkeypatch.setattr(compression, "effort_of", lambda device, preview: Effort(300, 100, 1, 1))
+    monkeypatch.setattr(compression, "effort_of", lambda device, preview, share: Effort(300, 100, 1, 1))
 
 
 def test_a_texture_from_arrays(short_runs, tmp_path):
@@ -115,10 +115,9 @@ def test_a_stopped_run_goes_on(short_runs, tmp_path, monkeypatch):
         ({"quality": "best"}, "quality=best|quality='best'"),
         ({"size": 400}, "size 400: the network alone takes .* kB; give at least .* bytes"),
         ({"weights": {"normal": 2}}, "names of maps, albedo, ao"),
-        ({"losses": {"normal": "direction"}}, "names of maps, albedo, ao"),
-        ({"losses": {"albedo": "direction"}}, '"direction" for normals'),
-        ({"losses": {"ao": "perceptual"}}, '"perceptual" for colours, of three channels'),
-        ({"losses": {"ao": "l1"}}, "one of l2, direction, perceptual"),
+        ({"losses": {"normal": "angle"}}, "names of maps, albedo, ao"),
+        ({"losses": {"albedo": "angle"}}, "l2 or perceptual for what is no normal"),
+        ({"losses": {"ao": "l1"}}, "one of l2, angle, perceptual"),
         ({"mips": 9}, "have 1 to 6"),
     ],
 )

@@ -24,7 +24,7 @@ class Levels:
 @wp.struct
 class TextureData:
     """Of a training run. tiles [steps * tiles of a step]: level, row and column of the first texel, multiples of the
-    coarsest scale. targets [texels of all levels, channels]: NaN where any value will do.
+    coarsest scale. targets [texels of all levels, what the loss takes]: NaN where any value will do.
 
     latents, their gradient and both moments: of all levels and grids. kernels: weights of the taps, as decoders have
     them, and the scales of the rate (`Layout`); their gradient. Of each step: rate_weight, the loss of a bit a texel;

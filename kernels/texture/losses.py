@@ -1,61 +1,66 @@
-"""What an error of a texel costs: squared errors, of normals by their direction, of colours by their brightness."""
+"""What an error of a texel costs: its square, of normals by their angle, of some maps by how well it is seen."""
 
 from dataclasses import dataclass
 from typing import Literal
 
-from warp_neural.kernels.nn.losses import Loss
+import warp as wp
 
-Cost = Literal["l2", "direction", "perceptual"]
-RADIAL = 0.1  # what an error along a normal counts: it goes where the normal is made unit length
-CHROMA = 0.25  # what an error of a colour beside its brightness counts: the eye sees it less
-LUMA = "{0.299f, 0.587f, 0.114f}"  # ITU-R BT.601, of encoded colours, as JPEG has them
+from warp_neural.kernels.nn.losses import Loss, for_each
+
+Cost = Literal["l2", "angle", "perceptual"]
+RADIAL = 0.25  # what an error of a normal's length counts, which goes when it is made unit length
 
 
 @dataclass(frozen=True)
 class TextureLoss(Loss):
     """Squared errors where there is a target; a NaN target lets the prediction be anything.
 
-    normals, colours: the first of three channels whose error e costs otherwise. Of a normal whose target has direction
-    u: |e|^2 - (1 - RADIAL) (e.u)^2. Of a colour with y = LUMA.e: 3 y^2 + CHROMA |e - y|^2, of grey its squared error.
+    normals: the first of three channels, where unit vectors u are stored as (u + 1) / 2: with directions a, b and
+    lengths |u|, |v|, the error costs (|a - b|^2 + RADIAL (|u| - |v|)^2) / 4. seen: (first channel, channels) of maps
+    whose errors count as much as a weight of the texel, which follows its target's channels, in this order.
     """
 
     normals: tuple[int, ...] = ()
-    colours: tuple[int, ...] = ()
+    seen: tuple[tuple[int, int], ...] = ()
+
+    def target_of(self, n: int) -> type:
+        return wp.types.vector(n + len(self.seen), float)
 
     def value_text(self, n: int) -> str:
-        return super().value_text(n) + self.of_triples(f"loss += w[c] * {1 / n!r}f * more;")
+        angles = self.of_normals(f"loss += w[c] * {1 / n!r}f * cost;")
+        return f"{for_each(n, f'loss += {self.weight(n)} * ({self.term});')}loss *= {1 / n!r}f;\n{angles}"
 
     def gradient_text(self, n: int) -> str:
-        return super().gradient_text(n) + self.of_triples(
-            f"for (int i = 0; i < 3; ++i) d[c + i] += w[c] * {1 / n!r}f * slope[i];"
-        )
+        angles = self.of_normals(f"for (int i = 0; i < 3; ++i) d[c + i] = w[c] * {1 / n!r}f * slope[i];")
+        return for_each(n, f"d[i] = {self.weight(n)} * {1 / n!r}f * ({self.slope});") + angles
 
-    def of_triples(self, statement: str) -> str:
-        """With `more`, what each costs beyond squared errors, its `slope`, and `c`, its first channel."""
-        kinds = [(self.normals, NORMAL), (self.colours, COLOUR)]
-        return "".join(f"{{\nconst int c = {c};\n{ERROR}{kind}{statement}\n}}\n" for cs, kind in kinds for c in cs)
+    def weight(self, n: int) -> str:
+        """Of channel i; of normals 0."""
+        result = "w[i]"
+        for k, (first, count) in enumerate(self.seen):
+            m = f"target.c[{n + k}]"
+            result += f" * (i >= {first} && i < {first + count} ? (wp::isfinite({m}) ? {m} : 0.0f) : 1.0f)"
+        for c in self.normals:
+            result += f" * (i >= {c} && i < {c + 3} ? 0.0f : 1.0f)"
+        return result
+
+    def of_normals(self, statement: str) -> str:
+        return "".join(f"{{\nconst int c = {c};\n{ANGLE}{statement}\n}}\n" for c in self.normals)
 
 
-ERROR = """real e[3], more = 0.0f, slope[3];
-bool known = true;
-for (int i = 0; i < 3; ++i) known = known && wp::isfinite(target.c[c + i]);
-for (int i = 0; i < 3; ++i) e[i] = known ? prediction.c[c + i] - target.c[c + i] : 0.0f;
-"""
-NORMAL = f"""real square = 1e-6f, along = 0.0f, u[3];
+ANGLE = f"""real u[3], v[3], slope[3] = {{}}, cost = 0.0f, dot = 0.0f, uu = 1e-4f, vv = 1e-4f;
 for (int i = 0; i < 3; ++i) {{
-    u[i] = known ? 2.0f * target.c[c + i] - 1.0f : 0.0f;
-    square += u[i] * u[i];
-    along += e[i] * u[i];
+    u[i] = 2.0f * prediction.c[c + i] - 1.0f;
+    v[i] = 2.0f * target.c[c + i] - 1.0f;
+    dot += u[i] * v[i];
+    uu += u[i] * u[i];
+    vv += v[i] * v[i];
 }}
-more = {RADIAL - 1}f * along * along / square;
-for (int i = 0; i < 3; ++i) slope[i] = {2 * (RADIAL - 1)}f * along / square * u[i];
-"""
-COLOUR = f"""const real luma[3] = {LUMA};
-const real y = luma[0] * e[0] + luma[1] * e[1] + luma[2] * e[2], beside = e[0] + e[1] + e[2] - 3.0f * y;
-more = 3.0f * y * y;
-for (int i = 0; i < 3; ++i) {{
-    more += {CHROMA}f * (e[i] - y) * (e[i] - y) - e[i] * e[i];
-    slope[i] = 6.0f * y * luma[i] + {2 * CHROMA}f * (e[i] - y - luma[i] * beside) - 2.0f * e[i];
+if (wp::isfinite(vv)) {{
+    const real length = wp::sqrt(uu), wanted = wp::sqrt(vv), cosine = dot / (length * wanted);
+    cost = 0.5f * (1.0f - cosine) + {RADIAL / 4}f * (length - wanted) * (length - wanted);
+    for (int i = 0; i < 3; ++i)
+        slope[i] = (cosine * u[i] / length - v[i] / wanted + {RADIAL}f * (length - wanted) * u[i]) / length;
 }}
 """
 

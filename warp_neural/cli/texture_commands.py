@@ -47,7 +47,7 @@ class Compress(Options):
     weights: str | None = None
     """what errors count, by map, as in albedo=2,normal=1; 1 by default"""
     losses: str | None = None
-    """what errors cost, by map: direction for normals, perceptual for colours, l2 by default"""
+    """what errors cost, by map: angle for normals, perceptual (less where texture hides them), l2 by default"""
     resize: str | None = None
     """scale all pictures, to a size as in 1024x512 or to that of the largest"""
     mips: str | None = None

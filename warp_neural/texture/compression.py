@@ -50,8 +50,8 @@ def compress(
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
     together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB. preview: fewer
     steps. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1 if not
-    given. losses: what errors of a map cost, by name; their squares if not given. "direction", for normals, hardly
-    counts errors along the normal; "perceptual", for colours, counts brightness four times as much as the rest of them.
+    given. losses: what errors of a map cost, by name; their squares if not given. "angle" for
+    normals; "perceptual" counts them less where the map's own texture hides them.
     checkpoint: a file to save the long run to, every 30 seconds and at Ctrl-C; if it is there, to go on from.
 
     Raises `InputError` for goals that cannot be met.
@@ -59,7 +59,7 @@ def compress(
     begin = time.perf_counter()
     texture_set = load_set(source)
     job = make_job(texture_set, mips, weights, losses, find_device(device), seed)
-    effort = effort_of(job.device, preview)
+    effort = effort_of(job.device, preview, job.share)
     goal, bits = _goal(job, bpp, psnr, size, quality)
     given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
     kept = Checkpoint(checkpoint, job.configuration | given | {"effort": list(vars(effort).values())})

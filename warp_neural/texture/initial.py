@@ -30,9 +30,9 @@ def make_network(spec: TextureSpec, device: wp.Device) -> MLP:
 
 def set_means(net: MLP, levels: Sequence[np.ndarray]) -> None:
     """The last layer's biases: the means of the channels of the finest level, without NaN."""
-    known = ~np.isnan(levels[0])
-    total = levels[0].sum((0, 1), where=known, dtype=np.float64)
-    biases = net.biases
+    finest, biases = levels[0][..., : net.n_out], net.biases
+    known = ~np.isnan(finest)
+    total = finest.sum((0, 1), where=known, dtype=np.float64)
     biases[-1] = (total / np.maximum(known.sum((0, 1)), 1)).astype(np.float32)
     net.biases = biases
 

@@ -16,13 +16,13 @@ from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import coded_bits
 from warp_neural.texture.levels import padded_sizes
 from warp_neural.texture.maps import TextureSet, mip_chain, without_hidden
+from warp_neural.texture.masking import with_weights
 from warp_neural.texture.measure import psnr
 from warp_neural.texture.presets import spec_of
 from warp_neural.texture.state import Map
 from warp_neural.texture.trainer import TextureTrainer
 
 CODED = 0.93  # of the trainer's bits, after contexts are fitted
-COLOURS = "srgb", "hdr"
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,11 @@ class Job:
     @property
     def texels(self) -> int:
         return self.levels[0].shape[0] * self.levels[0].shape[1]
+
+    @property
+    def share(self) -> float:
+        """Texels of all levels by those of the finest."""
+        return sum(level.shape[0] * level.shape[1] for level in self.levels) / self.texels
 
     def spec(self, bits: float) -> TextureSpec:
         return spec_of(*self.levels[0].shape, len(self.levels), bits)
@@ -81,8 +86,9 @@ def make_job(
     seed: int,
 ) -> Job:
     levels = mip_chain(texture_set, mips or len(texture_set.levels))
-    targets = without_hidden(levels, texture_set.maps)
-    return Job(texture_set.maps, tuple(levels), targets, loss_of(texture_set.maps, weights, losses), device, seed)
+    loss = loss_of(texture_set.maps, weights, losses)
+    targets = with_weights(without_hidden(levels, texture_set.maps), loss.seen)
+    return Job(texture_set.maps, tuple(levels), targets, loss, device, seed)
 
 
 def loss_of(
@@ -95,15 +101,17 @@ def loss_of(
             require(name in names, what, name, f"names of maps, {', '.join(names)}")
     for name, value in weights.items():
         require(is_finite(value) and value >= 0, f"weights: {name}", value, "a finite number, not negative")
-    starts = dict(zip(names, np.cumsum([0, *(len(each.trained) for each in maps)]).tolist(), strict=False))
-    triples: dict[str, list[int]] = {"l2": [], "direction": [], "perceptual": []}
+    places = np.cumsum([0, *(len(each.trained) for each in maps)]).tolist()
+    normals, seen = [], []
     for name, cost in losses.items():
-        each = maps[names.index(name)]
+        each, place = maps[names.index(name)], places[names.index(name)]
         require(cost in get_args(Cost), f"losses: {name}", cost, f"one of {', '.join(get_args(Cost))}")
-        fits = {"l2": True, "direction": each.kind == "normal", "perceptual": each.kind in COLOURS}[cost]
-        fits = fits and (cost == "l2" or each.trained[:3] == (0, 1, 2))
-        require(fits, f"losses: {name}", cost, '"direction" for normals, "perceptual" for colours, of three channels')
-        triples[cost].append(starts[name])
+        if cost == "angle":
+            fits = each.kind == "normal" and each.trained[:3] == (0, 1, 2)
+            require(fits, f"losses: {name}", cost, "l2 or perceptual for what is no normal of three channels")
+            normals.append(place)
+        if cost == "perceptual" and each.trained:
+            seen.append((place, len(each.trained)))
     by_channel = [weights.get(each.name, 1.0) for each in maps for _ in each.trained]
     loss = known_l2.weighted(*by_channel) if weights else known_l2
-    return replace(loss, normals=tuple(triples["direction"]), colours=tuple(triples["perceptual"]))
+    return replace(loss, normals=tuple(normals), seen=tuple(seen))

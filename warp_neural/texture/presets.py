@@ -24,11 +24,13 @@ class Effort:
     tiles: int
 
 
-def effort_of(device: wp.Device, preview: bool) -> Effort:
-    """On the CPU short runs would say little."""
+def effort_of(device: wp.Device, preview: bool, share: float = 1.0) -> Effort:
+    """share: texels of all levels by those of the finest. On the CPU short runs would say little."""
     if device.is_cuda:
-        return Effort(4_000, 1_000, 1, 64) if preview else Effort(20_000, 2_500, 3, 64)
-    return Effort(5_000, 0, 0, 4) if preview else Effort(30_000, 4_000, 1, 4)
+        effort = Effort(4_000, 1_000, 1, 64) if preview else Effort(20_000, 2_500, 3, 64)
+    else:
+        effort = Effort(5_000, 0, 0, 4) if preview else Effort(30_000, 4_000, 1, 4)
+    return replace(effort, steps=round(share * effort.steps), probe=round(share * effort.probe))
 
 
 def spec_of(height: int, width: int, channels: int, mips: int, bits: float) -> TextureSpec:

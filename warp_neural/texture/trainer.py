@@ -31,7 +31,8 @@ WINDOW = 128  # steps whose mean loss and bits are told
 
 
 class TextureTrainer:
-    """levels: the trained channels of each mip, float32 [height, width, channels], NaN where any value will do.
+    """levels: the trained channels of each mip, float32 [height, width, channels], NaN where any value will do; then
+    the weights that `loss` takes.
 
     rate_weight: lambda, the mean squared error that a bit a texel is worth; may be set anew. Of a step: `tiles` squares
     of 32 x 32 texels. latent_rate, network_rate: of Adam at the start. precision: of the file's weights, whose steps
@@ -78,7 +79,7 @@ class TextureTrainer:
         data, n = TextureData(), int(first_latents(spec)[-1])
         data.levels = make_levels(spec, device)
         data.tiles = wp.array(tile_order(spec, self.steps * self.tiles, random), dtype=wp.vec3i, device=device)
-        data.targets = self._array(np.concatenate([level.reshape(-1, spec.channels) for level in levels]))
+        data.targets = self._array(np.concatenate([level.reshape(-1, level.shape[-1]) for level in levels]))
         data.latents = self._array(random.standard_normal(n, np.float32))
         for name in ("gradient", "first", "second"):
             setattr(data, name, wp.zeros(n, dtype=float, device=device))
@@ -99,7 +100,7 @@ class TextureTrainer:
         self.progress = make_progress(self.optimizer, sizes, 128.0 if on_cuda else 1.0, seed)
         options = make_update(self.optimizer, net.master.size, 1, None, on_cuda)
         self.batch = TextureBatch(self.spec, self.tiles, self.device)
-        sample = make_sample(self.spec, self.tiles, net.vec_in)
+        sample = make_sample(self.spec, self.tiles, net.vec_in, loss.target_of(self.spec.channels))
         kind = FusedCuda if on_cuda else FusedCpu
         common = net, self.optimizer, self.progress, options
         self.launches = kind(*common, sample, self.data, loss, sizes, encoded_batch=self.batch)
