@@ -58,6 +58,14 @@ def test_a_rectangle_is_the_part_of_the_whole(tmp_path, rectangle):
         assert (part == state.latents[0][g][i[:, None], j]).all()
 
 
+def test_a_mip_alone_is_as_with_the_others(tmp_path, device):
+    state = make_state(SPECS["odd"])
+    save_state(tmp_path / "a.wntc", state)
+    file = TextureFile(tmp_path / "a.wntc")
+    for mip, grids in enumerate(state.latents):
+        assert all((ours == theirs).all() for ours, theirs in zip(grids, file.latents(mip, device=device), strict=True))
+
+
 def test_a_part_is_read_without_the_rest(tmp_path):
     path, spec = tmp_path / "a.wntc", SPECS["several blocks"]
     state = make_state(spec)

@@ -126,6 +126,20 @@ def test_streams_of_anything_end(tmp_path):
         assert refused(tmp_path / "a.wntc", data).startswith("mip 0 grid 0 block 0: ")
 
 
+def test_a_stream_of_one_mip_is_named_among_all(tmp_path):
+    """Its checksum is right; the mips are decoded together."""
+    spec, rng = TextureSpec(512, 256, 1, 2, (Grid(8, 5, "bilinear"),), (1,)), np.random.default_rng(1)
+    stream = rng.bytes(300)
+    for bad in range(3):
+        streams = [stream if block == bad else b"" for block in range(3)]
+        index = b"".join(
+            unsigned(len(each)) + (zlib.crc32(each).to_bytes(4, "little") if each else b"") for each in streams
+        )
+        data = hostile(spec, same(4), contexts_of(spec, 20), index, b"".join(streams))
+        expected = f"mip {bad // 2} grid 0 block {bad % 2}: "
+        assert refused(tmp_path / "a.wntc", data).startswith(expected)
+
+
 @pytest.mark.parametrize(
     "parts, part",
     [
