@@ -42,8 +42,7 @@ for (int y = row; y < row_end; ++y) {
             for (int p = 0; p < parent_channels; ++p) {
                 const int sizes = (a[p] < 0 ? -a[p] : a[p]) + (b[p] < 0 ? -b[p] : b[p]) + (d[p] < 0 ? -d[p] : d[p]) +
                                   (e[p] < 0 ? -e[p] : e[p]);
-                if (sizes)
-                    for (int v = 0; v < vectors; ++v) scale[v] += load(scale_parent + p * width, v) * sizes;
+                for (int v = 0; v < vectors; ++v) scale[v] += load(scale_parent + p * width, v) * sizes;
             }
             for (int v = 0; v < vectors; ++v) store(of_parents + 32 * (left - column / ratio), v, scale[v]);
         }
