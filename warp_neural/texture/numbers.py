@@ -59,7 +59,7 @@ def unpack(reader: Reader, shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray
     ]
 
 
-def _table(which: int) -> list[int]:
+def _table(which: int) -> np.ndarray:
     if which < SCALES:
         return laplace(which, 0)
     return gauss(which - SCALES) if which < 2 * SCALES else ones(which - 2 * SCALES + 1)
@@ -82,9 +82,8 @@ def _best(flat: np.ndarray) -> int:
     return min(sorted(candidates), key=lambda which: _bits(_table(which), values, counts))
 
 
-def _bits(table: list[int], values: np.ndarray, counts: np.ndarray) -> float:
-    lasts = np.array([-1, *table[1:]])
-    frequencies = np.diff(lasts)
+def _bits(table: np.ndarray, values: np.ndarray, counts: np.ndarray) -> float:
+    frequencies = np.diff(table[1:], prepend=-1)
     places = np.where(values > 0, 2 * values, 1 - 2 * values) - 1
     raw = places >= len(frequencies) - 1
     bits = 16 - np.log2(frequencies[np.minimum(places, len(frequencies) - 1)]) + 16 * raw

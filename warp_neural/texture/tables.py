@@ -6,7 +6,7 @@ by turns above and below, last of all of the symbols that it does not have. 96 s
 
 from decimal import Decimal, localcontext
 from functools import cache
-from itertools import accumulate, chain
+from itertools import accumulate
 
 import numpy as np
 
@@ -37,59 +37,54 @@ def laplace_tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return *joined(tables), zeros
 
 
-def joined(tables: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
+def joined(tables: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """One after the other, AFTER entries between, and where each begins, and the end."""
-    after = [0xFFFF] * AFTER
+    after = np.full(AFTER, 0xFFFF)
     offsets = np.cumsum([0, *(len(table) + AFTER for table in tables)], dtype=np.int32)
-    return np.array(
-        [*chain.from_iterable(table + after for table in tables), *[0xFFFF] * AFTER_ALL], np.uint16
-    ), offsets
+    parts = [part for table in tables for part in (table, after)]
+    return np.concatenate([*parts, np.full(AFTER_ALL, 0xFFFF)]).astype(np.uint16), offsets
 
 
 @cache
-def _tails(which: int) -> list[int]:
+def _tails(which: int) -> np.ndarray:
     """2^32 exp(-t / 8 b) of t = 0, 1, ..., rounded down after each product."""
     one = rounded_exponential(1, 8 * scale_of(which))
-    return list(accumulate(range(8 * reach(which) + 8), lambda tail, _: tail * one >> 32, initial=1 << 32))
+    return np.array(list(accumulate(range(8 * reach(which) + 8), lambda tail, _: tail * one >> 32, initial=1 << 32)))
 
 
 @cache
-def laplace(which: int, phase: int) -> list[int]:
+def laplace(which: int, phase: int) -> np.ndarray:
     """Of the Laplace distribution around a centre `phase` eighths above symbol 0."""
-    tails = _tails(which)
-
-    def mass(symbol: int) -> int:
-        low, high = 8 * symbol - 4 - phase, 8 * symbol + 4 - phase
-        if low >= 0:
-            return tails[low] - tails[high] >> 1
-        return tails[-high] - tails[-low] >> 1 if high <= 0 else (1 << 32) - (tails[-low] + tails[high] >> 1)
-
-    return _table([mass(symbol) for symbol in in_order(reach(which))], 1 << 32)
+    middles = 8 * in_order(reach(which)) - phase
+    nearer, farther = (_tails(which)[np.abs(np.abs(middles) + step)] for step in (-4, 4))
+    inside = np.abs(middles) < 4  # the centre is
+    return _table(np.where(inside, (1 << 32) - (nearer + farther >> 1), nearer - farther >> 1), 1 << 32)
 
 
 @cache
-def gauss(which: int) -> list[int]:
+def gauss(which: int) -> np.ndarray:
     """Of the normal distribution around symbol 0, whose standard deviation is the scale."""
     variance = 2 * scale_of(which) ** 2
-    masses = [rounded_exponential(symbol**2, variance) for symbol in in_order(reach(which))]
-    return _table(masses, sum(masses))
+    masses = [rounded_exponential(symbol**2, variance) for symbol in range(reach(which) + 1)]
+    masses = np.array(masses)[np.abs(in_order(reach(which)))]
+    return _table(masses, int(masses.sum()))
 
 
-def ones(share: int) -> list[int]:
+def ones(share: int) -> np.ndarray:
     """Of 0 and 1; share: of ones, in 64ths, 1 to 63."""
-    return _table([64 - share, share], 64)
+    return _table(np.array([64 - share, share]), 64)
 
 
-def in_order(reach: int) -> list[int]:
+def in_order(reach: int) -> np.ndarray:
     """0, 1, -1, 2, -2, ..."""
-    return [0, *(sign * symbol for symbol in range(1, reach + 1) for sign in (1, -1))]
+    places = np.arange(2 * reach + 1)
+    return (places + 1) // 2 * np.where(places % 2, 1, -1)
 
 
-def _table(masses: list[int], whole: int) -> list[int]:
+def _table(masses: np.ndarray, whole: int) -> np.ndarray:
     """At least 1 of 65536 for each symbol, 16 for all that the table does not have."""
-    share = 65520 - len(masses)
-    lasts = accumulate((1 + mass * share // whole for mass in masses), initial=-1)
-    return [0xFFFF, *list(lasts)[1:], 0xFFFF]
+    lasts = np.cumsum(1 + masses * (65520 - len(masses)) // whole) - 1
+    return np.concatenate([[0xFFFF], lasts, [0xFFFF]])
 
 
 def rounded_exponential(numerator: int, denominator: Decimal) -> int:
