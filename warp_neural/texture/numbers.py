@@ -5,6 +5,7 @@ Before the stream, of each array: the table, one byte (0 to 95 Laplace, 96 to 19
 """
 
 from collections.abc import Sequence
+from functools import cache
 from math import prod
 
 import numpy as np
@@ -79,12 +80,18 @@ def _best(flat: np.ndarray) -> int:
         for first, near in ((0, around[0]), (SCALES, around[1]))
         for step in range(-3, 4)
     }
-    return min(sorted(candidates), key=lambda which: _bits(_table(which), values, counts))
+    return min(sorted(candidates), key=lambda table: _bits(table, values, counts))
 
 
-def _bits(table: np.ndarray, values: np.ndarray, counts: np.ndarray) -> float:
-    frequencies = np.diff(table[1:], prepend=-1)
+def _bits(table: int, values: np.ndarray, counts: np.ndarray) -> float:
+    costs = _costs(table)
     places = np.where(values > 0, 2 * values, 1 - 2 * values) - 1
-    raw = places >= len(frequencies) - 1
-    bits = 16 - np.log2(frequencies[np.minimum(places, len(frequencies) - 1)]) + 16 * raw
-    return float((bits * counts).sum())
+    return float((costs[np.minimum(places, len(costs) - 1)] * counts).sum())
+
+
+@cache
+def _costs(table: int) -> np.ndarray:
+    """Bits of its symbols in their order, and of each that it does not have."""
+    costs = 16 - np.log2(np.diff(_table(table)[1:], prepend=-1))
+    costs[-1] += 16
+    return costs
