@@ -5,7 +5,7 @@
 As the last step of the network section, for all maps of a material at once: a cell of 4 x 4 texels has eight numbers, a
 texel reads them bilinearly between four cells, and one small network turns them into albedo, normal and all else.
 Training draws texels at random and goes down the squared error, for latents and network alike. In the end latents are
-rounded, to 8, 5, 4, 3 and 2 bits.
+rounded, to 8, 5, 4 and 3 bits.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from warp_neural.texture.maps import TextureSet
 from warp_neural.train.optim import Adam, cosine
 
 GRIDS = (Grid(2, 4, "bilinear"),)
-BITS = 8, 5, 4, 3, 2  # of a latent in a file
+BITS = 8, 5, 4, 3  # of a latent in a file
 
 
 def make_features(spec: TextureSpec, vec_in: type) -> wp.Function:

@@ -13,7 +13,7 @@ from warp_neural.samples.neural_texture.target import Config, report
 from warp_neural.samples.neural_texture.texture import Point
 from warp_neural.texture.maps import TextureSet
 
-GRIDS = Grid(2, 4, "bilinear"), Grid(8, 8, "bilinear")
+GRIDS = Grid(2, 4, "bilinear"), Grid(8, 12, "bilinear")
 
 
 def curve(config: Config, target: TextureSet) -> list[Point]:

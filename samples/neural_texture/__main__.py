@@ -1,0 +1,87 @@
+"""The main job: seven steps from a latent texture to the codec, each one idea, and what each gains on one curve.
+
+    python -m samples.neural_texture [--material FOLDER] [--side 256]
+
+Leaves curves.png, crops.png, metrics.json and the files of step 7 and of the codec. Each point counts all bits that a
+decoder needs. TABLE
+"""
+
+import json
+import time
+from dataclasses import asdict
+
+import numpy as np
+
+import warp_neural as wn
+from warp_neural import cli
+from warp_neural.io.files import atomic_path
+from warp_neural.samples.neural_texture import (
+    step_01_latent_texture,
+    step_02_several_grids,
+    step_03_learned_kernels,
+    step_04_noise,
+    step_05_straight_through,
+    step_06_rate,
+    step_07_context,
+)
+from warp_neural.samples.neural_texture.figures import gain, save_crops, save_curves
+from warp_neural.samples.neural_texture.target import Config, load_target
+from warp_neural.samples.neural_texture.texture import Point
+from warp_neural.texture.maps import TextureSet
+
+QUALITY = "medium"  # of the codec: a rate weight of 3e-4, as the middle one of step 6
+STEPS = {
+    "step_01": step_01_latent_texture,
+    "step_02": step_02_several_grids,
+    "step_03": step_03_learned_kernels,
+    "step_04": step_04_noise,
+    "step_05": step_05_straight_through,
+}
+IDEAS = {
+    "step_01": "1 one bilinear grid",
+    "step_02": "2 several grids",
+    "step_03": "3 learned kernels",
+    "step_04": "4 noise",
+    "step_05": "5 straight through",
+    "step_06": "6 rate term",
+    "step_07": "7 contexts, a file",
+    "codec": "the codec",
+}
+
+
+def codec(config: Config, target: TextureSet) -> list[Point]:
+    """The product on the same picture; on the CPU its short run."""
+    device = cli.resolve_device(config.device)
+    options = {"preview": not device.is_cuda, "device": device, "seed": config.seed, "quiet": config.json}
+    texture = wn.texture.compress(target, quality=QUALITY, **options)
+    size = texture.save(config.out / "codec.wntc")
+    bits = 8 * size["all"] / np.prod(target.size)
+    return [Point(float(bits), texture.metrics["psnr"], texture.decoder.decode(), {})]
+
+
+def main(config: Config) -> dict:
+    began = time.perf_counter()
+    target = load_target(config)
+    with atomic_path(config.out / "config.json") as path:  # a folder that cannot be written fails now
+        path.write_text(json.dumps(asdict(config), indent=2, default=str) + "\n")
+    curves = {name: step.curve(config, target) for name, step in STEPS.items()}
+    trained = step_06_rate.all_trained(config, "step_06", target)
+    curves["step_06"] = step_06_rate.points_of(trained)
+    curves["step_07"] = step_07_context.points_of(config, trained)
+    curves["codec"] = codec(config, target)
+    names = list(curves)
+    gains = {after: gain(curves[before], curves[after]) for before, after in zip(names[:-1], names[1:], strict=True)}
+    save_curves(config.out / "curves.png", curves, gains, IDEAS)
+    save_crops(config.out / "crops.png", target, curves, IDEAS)
+    rows = [{"step": IDEAS[name], "bits": point.bits, "psnr": point.psnr} for name in names for point in curves[name]]
+    device = cli.resolve_device(config.device)
+    metrics = {"points": rows} | {f"gain_{name}": value for name, value in gains.items()}
+    metrics |= {"resolution": list(target.size), "channels": target.channels}
+    metrics |= {"device": device.name if device.is_cuda else "cpu", "seconds_total": time.perf_counter() - began}
+    with atomic_path(config.out / "metrics.json") as path:
+        path.write_text(json.dumps(metrics, indent=2) + "\n")
+    return metrics
+
+
+if __name__ == "__main__":
+    cli.run(main, Config)
