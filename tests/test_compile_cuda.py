@@ -2,6 +2,7 @@
 
 import importlib
 
+import numpy as np
 import pytest
 import warp as wp
 
@@ -13,6 +14,7 @@ from warp_neural.kernels.nn.losses import l2
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.random import Stream, uniform
 from warp_neural.kernels.nn.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
+from warp_neural.kernels.texture.spec import Grid
 from warp_neural.kernels.training.encoded_batch import (
     make_adjoint_sample,
     make_encode_sample,
@@ -23,6 +25,10 @@ from warp_neural.kernels.training.fused import make_gradient_kernel
 from warp_neural.kernels.training.mma.schedule import make_schedule
 from warp_neural.kernels.training.taped_update import make_update_kernel
 from warp_neural.kernels.training.update import make_fused_update_kernel
+from warp_neural.samples.neural_texture.step_01_latent_texture import make_loss_kernel
+from warp_neural.samples.neural_texture.texture import Texture
+from warp_neural.texture.maps import TextureSet
+from warp_neural.texture.state import Map
 
 MODULES = [
     "warp_neural.kernels.nn.optimizers",
@@ -32,6 +38,10 @@ MODULES = [
     "warp_neural.samples.mipmap.step_01_basic_program",
     "warp_neural.samples.mipmap.step_04_loss",
     "warp_neural.samples.mipmap.step_05_train",
+    "warp_neural.samples.neural_texture.step_04_noise",
+    "warp_neural.samples.neural_texture.step_05_straight_through",
+    "warp_neural.samples.neural_texture.step_06_rate",
+    "warp_neural.samples.neural_texture.step_07_context",
 ]
 
 
@@ -39,6 +49,13 @@ MODULES = [
 def test_compiles_for_hopper(name, tmp_path):
     importlib.import_module(name)
     (artifact,) = wp.compile_aot_module(name, arch=90, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
+def test_a_read_of_a_grid_compiles_for_hopper(tmp_path):
+    maps, values = (Map("height", "linear", (0.0,), (1.0,)),), np.zeros((16, 16, 1), np.float32)
+    texture = Texture((Grid(4, 4),), TextureSet("", maps, (values,)), 0, wp.get_device("cpu"))
+    (artifact,) = wp.compile_aot_module(make_loss_kernel(texture).module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
 
 

@@ -9,6 +9,7 @@ decoder needs. TABLE
 import json
 import time
 from dataclasses import asdict
+from itertools import pairwise
 
 import numpy as np
 
@@ -69,11 +70,11 @@ def main(config: Config) -> dict:
     curves["step_06"] = step_06_rate.points_of(trained)
     curves["step_07"] = step_07_context.points_of(config, trained)
     curves["codec"] = codec(config, target)
-    names = list(curves)
-    gains = {after: gain(curves[before], curves[after]) for before, after in zip(names[:-1], names[1:], strict=True)}
+    gains = {after: gain(curves[before], curves[after]) for before, after in pairwise(curves)}
     save_curves(config.out / "curves.png", curves, gains, IDEAS)
     save_crops(config.out / "crops.png", target, curves, IDEAS)
-    rows = [{"step": IDEAS[name], "bits": point.bits, "psnr": point.psnr} for name in names for point in curves[name]]
+    points = [(IDEAS[name], point) for name in curves for point in curves[name]]
+    rows = [{"step": idea, "bits": point.bits, "psnr": point.psnr} for idea, point in points]
     device = cli.resolve_device(config.device)
     metrics = {"points": rows} | {f"gain_{name}": value for name, value in gains.items()}
     metrics |= {"resolution": list(target.size), "channels": target.channels}

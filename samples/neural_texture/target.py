@@ -8,13 +8,14 @@ from typing import Annotated, Any
 import numpy as np
 import warp as wp
 
+from warp_neural import cli
 from warp_neural.cli import Between, CommonConfig, Count, Positive, Samples
 from warp_neural.errors import InputError
 from warp_neural.materials.default_material import default_material
 from warp_neural.samples.figures import save_picture
 from warp_neural.texture.kinds import to_maps
 from warp_neural.texture.maps import TextureSet, load_set
-from warp_neural.texture.measure import codes
+from warp_neural.texture.measure import codes, shown
 
 SHOWN = 3.7  # bits a texel, about those of the codec's file
 
@@ -27,8 +28,8 @@ class Config(CommonConfig):
     """folder for pictures and files"""
     material: Path | None = None
     """folder with maps, as ambientCG and Poly Haven name them; none: bricks made from two photographs"""
-    side: Annotated[int, Between(16, 4096, multiple=16)] = 256
-    """texels of the square that is cut out of the material's middle"""
+    side: Annotated[int | None, Between(16, 4096, multiple=16)] = None
+    """texels of the square that is cut out of the material's middle; none: 256 on the CPU, 512 on CUDA"""
     steps: Count | None = None
     """gradient steps of a training; none: 800 on the CPU, 4000 on CUDA"""
     batch: Samples | None = None
@@ -44,11 +45,12 @@ class Config(CommonConfig):
 
 def load_target(config: Config) -> TextureSet:
     """Maps and their channels that vary, 8-bit codes / 255, `values` [side, side, channels]. Raises `InputError`."""
-    found = load_set(config.material or default_material(config.side))
-    if min(found.size) < config.side:
-        raise InputError(f"--side {config.side}: the material has {found.size[1]} x {found.size[0]} texels")
-    top, left = ((length - config.side) // 2 for length in found.size)
-    values = codes(found.values[top : top + config.side, left : left + config.side])
+    side = config.side or (512 if cli.resolve_device(config.device).is_cuda else 256)
+    found = load_set(config.material or default_material(side))
+    if min(found.size) < side:
+        raise InputError(f"--side {side}: the material has {found.size[1]} x {found.size[0]} texels")
+    top, left = ((length - side) // 2 for length in found.size)
+    values = codes(found.values[top : top + side, left : left + side])
     return TextureSet(found.name, found.maps, (values,))
 
 
@@ -75,7 +77,5 @@ def picture_of(values: np.ndarray, target: TextureSet, side: int = 256) -> np.nd
     maps = [each for each in target.maps if each.trained]
     stored = to_maps(values, target.maps)
     top = max(len(values) - side, 0) // 2
-    crops = [stored[each.name][top : top + side, top : top + side] for each in maps]
-    return np.concatenate(
-        [np.repeat(crop[..., :3], 3, axis=2)[..., :3] if crop.shape[2] < 3 else crop[..., :3] for crop in crops]
-    )
+    crops = [shown(stored[each.name][top : top + side, top : top + side], each) for each in maps]
+    return np.concatenate([np.broadcast_to(crop, (*crop.shape[:2], 3)) for crop in crops])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from warp_neural.kernels.texture.layout import BILINEAR
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.texture import numbers
 from warp_neural.texture.decoder import Decoder
@@ -20,7 +21,6 @@ from warp_neural.texture.state import Tensor, TextureState
 from warp_neural.train.optim import Parameters
 
 WIDTH = 32  # neurons of each of two hidden layers
-BILINEAR = 0.3  # latents are a few units large, what the network reads should not be
 PRECISION = 32.0  # weights are rounded to 1/32 of their root mean square
 
 
@@ -117,7 +117,8 @@ def best_step(latents: np.ndarray, limit: int) -> float:
 
 def bilinear(grid: Grid) -> np.ndarray:
     """For every four channels, every place of a texel in its cell and every tap (own cell, right, below, right and
-    below) the weights of bilinear interpolation: [channels / 4 * scale * scale * 4, 4]."""
+    below) the weights of bilinear interpolation times 0.3: [channels / 4 * scale * scale * 4, 4]. Latents are a few
+    units large, what the network reads should not be."""
     f = (np.arange(grid.scale) + 0.5) / grid.scale
     line = np.stack([1 - f, f], -1)  # [scale, 2]
     taps = BILINEAR * np.einsum("ya,xb->yxab", line, line).reshape(-1, 1)
