@@ -2,8 +2,25 @@
 
     python -m samples.neural_texture [--material FOLDER] [--side 256]
 
-Leaves curves.png, crops.png, metrics.json and the files of step 7 and of the codec. Each point counts all bits that a
-decoder needs. TABLE
+Leaves curves.png, crops.png, metrics.json and the files of step 7 and of the codec. Bits a texel count all that a
+decoder needs, weights too; PSNR is that of all channels as 8 bits. Gains are over the step before, the mean over the
+logarithms of the bits that both curves have. The default material, 256 x 256 texels of nine channels, on two CPU cores,
+in three and a half minutes, half of them the codec's:
+
+    step                     bits, dB near 4 bits     gain, dB
+    1 one bilinear grid      4.17  30.6
+    2 several grids          3.77  30.0               +0.31
+    3 learned kernels        4.10  30.8               +1.13
+    4 noise                  4.11  31.7               +0.56
+    5 straight through       4.11  31.9               +0.44
+    6 rate term              3.96  32.2               +0.68
+    7 contexts, a file       3.77  32.2               +0.21
+    the codec                3.67  32.0               -0.08
+
+Gains differ along the curves: several grids pay from 4 bits a latent on, and cost 0.15 dB at 3; noise, finish and rate
+term pay the more the fewer bits there are, about 1 dB each near 3 bits a texel, 0.1 to 0.3 at 5. With another seed no
+gain changes by more than 0.1 dB. The codec is no further here: its network and kernels take 1.02 of its 3.67 bits of so
+small a picture, step 7's half a bit; and on the CPU this is its short run.
 """
 
 import json
@@ -30,7 +47,7 @@ from warp_neural.samples.neural_texture.target import Config, load_target
 from warp_neural.samples.neural_texture.texture import Point
 from warp_neural.texture.maps import TextureSet
 
-QUALITY = "medium"  # of the codec: a rate weight of 3e-4, as the middle one of step 6
+QUALITY = "medium"  # of the codec: a rate weight of 3e-4, the middle one of step 6
 STEPS = {
     "step_01": step_01_latent_texture,
     "step_02": step_02_several_grids,

@@ -41,7 +41,7 @@ def save_curves(path: Path, curves: dict[str, list[Point]], gains: dict[str, flo
         axis.plot(2**x, y, label=f"{ideas[name]}{more}", markersize=4 if len(points) > 1 else 12, **style)
     axis.set(xscale="log", xlabel="bits a texel, everything counted", ylabel="PSNR of all channels, dB")
     axis.set_title("gains over the curve before, in the mean of the bits that both have", fontsize=10)
-    ticks = [1.5, 2, 3, 4, 6, 8]
+    ticks = [2, 3, 4, 6, 8, 10]
     axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.minorticks_off()
     axis.grid(alpha=0.3)
