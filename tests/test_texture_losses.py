@@ -38,7 +38,7 @@ def cost(loss, p, t):
 
 def evaluate(loss, p, t, device):
     """(values, gradients)."""
-    vec, vec_target, value, gradient = wp.types.vector(7, float), loss.target_of(7), loss.value(7), loss.gradient(7)
+    vec, vec_target, value, gradient = wp.types.vector(7, float), loss.target_type(7), loss.value(7), loss.gradient(7)
 
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(p: wp.array[vec], t: wp.array[vec_target], values: wp.array[float], gradients: wp.array[vec]):

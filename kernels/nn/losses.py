@@ -40,7 +40,7 @@ class Loss:
         """`(prediction: vec of n float32, target) -> vec`: the derivative of `value` in the prediction."""
         return make_gradient(self, n)
 
-    def target_of(self, n: int) -> type:
+    def target_type(self, n: int) -> type:
         """The type of the target of n components."""
         return wp.types.vector(n, float)
 
@@ -95,7 +95,7 @@ def prelude(loss: Loss, n: int) -> str:
 @cache
 def make_value(loss: Loss, n: int) -> wp.Function:
     """`Loss.value`."""
-    vec, vec_target = wp.types.vector(n, float), loss.target_of(n)
+    vec, vec_target = wp.types.vector(n, float), loss.target_type(n)
     gradient = f"{prelude(loss, n)}real d[{n}];\n{loss.gradient_text(n)}"
 
     @wp.func_native(
@@ -110,7 +110,7 @@ def make_value(loss: Loss, n: int) -> wp.Function:
 @cache
 def make_gradient(loss: Loss, n: int) -> wp.Function:
     """`Loss.gradient`."""
-    vec, vec_target = wp.types.vector(n, float), loss.target_of(n)
+    vec, vec_target = wp.types.vector(n, float), loss.target_type(n)
 
     @wp.func_native(
         f"{prelude(loss, n)}wp::vec_t<{n}, real> y;\nreal* const d = y.c;\n{loss.gradient_text(n)}return y;\n"

@@ -23,7 +23,7 @@ class TextureLoss(Loss):
     normals: tuple[int, ...] = ()
     seen: tuple[tuple[int, int], ...] = ()
 
-    def target_of(self, n: int) -> type:
+    def target_type(self, n: int) -> type:
         return wp.types.vector(n + len(self.seen), float)
 
     def value_text(self, n: int) -> str:

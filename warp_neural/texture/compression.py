@@ -50,9 +50,9 @@ def compress(
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
     together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB. preview: fewer
     steps. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1 if not
-    given. losses: what errors of a map cost, by name; their squares if not given. "angle" for
-    normals; "perceptual" counts them less where the map's own texture hides them.
-    checkpoint: a file to save the long run to, every 30 seconds and at Ctrl-C; if it is there, to go on from.
+    given. losses: what errors of a map cost, by name; "l2", their squares, if not given; of normals "angle"; less where
+    the map's own texture hides them, "perceptual". checkpoint: a file to save the long run to, every 30 seconds and at
+    Ctrl-C; if it is there, to go on from.
 
     Raises `InputError` for goals that cannot be met.
     """

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 SIGMA = 1.5  # texels: of the window, as SSIM has it
 FLAT = 0.03**2  # variance: what is flatter shows errors no more
-POWER = 0.5
+POWER = 0.5  # of SSIM's denominator; 1 gave less SSIM at equal bits (PavingStones070, 1.2 bits)
 
 
 def with_weights(levels: Sequence[np.ndarray], seen: Sequence[tuple[int, int]]) -> list[np.ndarray]:

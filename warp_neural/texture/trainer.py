@@ -100,7 +100,7 @@ class TextureTrainer:
         self.progress = make_progress(self.optimizer, sizes, 128.0 if on_cuda else 1.0, seed)
         options = make_update(self.optimizer, net.master.size, 1, None, on_cuda)
         self.batch = TextureBatch(self.spec, self.tiles, self.device)
-        sample = make_sample(self.spec, self.tiles, net.vec_in, loss.target_of(self.spec.channels))
+        sample = make_sample(self.spec, self.tiles, net.vec_in, loss.target_type(self.spec.channels))
         kind = FusedCuda if on_cuda else FusedCpu
         common = net, self.optimizer, self.progress, options
         self.launches = kind(*common, sample, self.data, loss, sizes, encoded_batch=self.batch)
@@ -207,7 +207,7 @@ class TextureTrainer:
 
     @property
     def loss(self) -> float:
-        """Mean squared error, weighted, of the last steps."""
+        """What errors cost in the last steps, in the mean."""
         return self._mean(self.progress.losses)
 
     @property
