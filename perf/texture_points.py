@@ -99,7 +99,7 @@ class Judge:
                 found[f"{name} degrees"] = measure.angle(*pair)
             if each and each.kind == "hdr":
                 linear = (light(picture, each) for picture in pair)
-                found[f"{name} relative error"] = measure.relative_error(*linear, 2.0 ** min(each.low))
+                found[f"{name} relative error"] = measure.relative_error(*linear, 2.0 ** each.span[0])
             self.seen[key] = found
         return self.seen[key]
 
@@ -110,7 +110,7 @@ def displayed(codes: np.ndarray) -> np.ndarray:
 
 def light(picture: np.ndarray, each: Map) -> np.ndarray:
     """Linear values of an hdr map from its logarithms over their range, the inverse of `measure.shown`."""
-    low, high = min(each.low), max(each.high)
+    low, high = each.span
     return np.maximum(2 ** (low + np.float64(picture) * (high - low)) - 2**low, 0)
 
 

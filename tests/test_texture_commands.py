@@ -1,102 +1,22 @@
-"""`warp-neural compress`, `decompress` and `info` of textures: options, files, one line for bad input.
+"""`warp-neural compress`, `decompress` and `info` of textures: options, files, stopped runs."""
 
-The codec stands aside: what is asked of it is kept, and a texture that holds its source exactly comes back.
-"""
-
-import json
 import shutil
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
+from texture_codec import codec, refused, run
 
 from warp_neural import texture
 from warp_neural.cli.commands import main
 from warp_neural.cli.quantities import bytes_of
-from warp_neural.errors import InputError
-from warp_neural.imaging.image import load_stored, save_image
+from warp_neural.imaging.image import load_stored
 from warp_neural.io.files import atomic_path
-from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.texture.file import TextureFile
-from warp_neural.texture.kinds import to_maps
-from warp_neural.texture.maps import TextureSet, load_set, mip_chain
-from warp_neural.texture.state import Tensor, TextureState
+from warp_neural.texture.maps import load_set
 
+__all__ = ["codec"]  # a fixture
 GOLDEN = Path(__file__).parent / "golden" / "version_1.wntc"
-RNG = np.random.default_rng(11)
-
-
-@dataclass
-class Exact:
-    """A texture without losses, in place of a codec's."""
-
-    source: TextureSet
-    mips: int
-    metrics: dict = field(default_factory=lambda: {"psnr": 99.0})
-
-    @property
-    def state(self):
-        height, width = self.source.size
-        spec = TextureSpec(height, width, self.source.channels, self.mips, (Grid(4, 2),), (8,))
-        latents = tuple((np.zeros((*spec.cells(mip, 0), 2), np.int8),) for mip in range(self.mips))
-        tensors = {name: Tensor(np.zeros(shape, np.int32), 0.5) for name, shape in spec.tensors.items()}
-        return TextureState(spec, latents, tensors, self.source.maps)
-
-    def save(self, path):
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(bytes(100))
-        return {"latents": [[50], [10]][: self.mips], "network": 40, "all": 100}
-
-    def decode(self, mip=0, rectangle=None):
-        values = mip_chain(self.source)[mip]
-        if rectangle:
-            x, y, w, h = rectangle
-            values = values[y : y + h, x : x + w]
-        return to_maps(values, self.source.maps)
-
-
-@pytest.fixture
-def codec(tmp_path, monkeypatch):
-    """A working folder with a material, and the calls of the codec that are kept."""
-    monkeypatch.chdir(tmp_path)
-    albedo, normal = RNG.integers(0, 256, (2, 6, 9, 3)) / 255
-    save_image("rock/albedo.png", albedo, color_space="linear")
-    save_image("rock/normal.png", normal, color_space="linear")
-    save_image("rock/sky.exr", 50 * RNG.random((6, 9, 3)))
-    save_image("rock/ao.png", np.ones((6, 9)), color_space="linear")
-    calls, made = [], {}
-
-    def compress(source, **options):
-        calls.append(options)
-        made["texture"] = Exact(source, options["mips"])
-        return made["texture"]
-
-    def load(path, device=None):
-        if not Path(path).is_file():
-            raise InputError(f"{path}: no such file; give a neural texture")
-        return made["texture"]
-
-    monkeypatch.setattr(texture, "compress", compress, raising=False)
-    monkeypatch.setattr(texture, "load", load, raising=False)
-    return calls
-
-
-def run(capfd, *args):
-    capfd.readouterr()
-    main([*args, "--json"])
-    (line,) = capfd.readouterr().out.splitlines()
-    return json.loads(line, parse_constant=pytest.fail)
-
-
-def refused(capfd, *args):
-    capfd.readouterr()
-    with pytest.raises(SystemExit) as exit_info:
-        main(list(args))
-    assert exit_info.value.code == 2
-    captured = capfd.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1
-    return captured.err
 
 
 def test_options_reach_the_codec(codec, capfd):
@@ -206,71 +126,6 @@ def test_info(tmp_path, monkeypatch, capfd):
     Path("none.wntc").write_text("no texture")
     assert "none.wntc: not a neural texture" in refused(capfd, "info", "none.wntc")
     assert "gone.wntc" in refused(capfd, "info", "gone.wntc")
-
-
-BAD_COMPRESS = [
-    ("--bpp 0", "--bpp 0.0: give a number above 0, at most 64"),
-    ("--bpp nan", "--bpp nan"),
-    ("--psnr 5", "--psnr 5.0: give 10 to 80"),
-    ("--bpp 2 --size 1kB", "--bpp and --size: each chooses"),
-    ("--size 0kB", "--size 0kB: give a size such as 400kB"),
-    ("--size 1kX", "--size 1kX: give a size"),
-    ("--size -1", "--size -1: give a size"),
-    ("--mips 5", "--mips 5: 9 x 6 texels have 1 to 4 levels"),
-    ("--mips 0", "--mips 0: 9 x 6"),
-    ("--mips most", "--mips most: 9 x 6"),
-    ("--maps colour", "--maps colour: rock holds albedo, normal, ao, sky"),
-    ("--maps ,", "no maps"),
-    ("--losses normal=cosine", "give maps and one of l2, angle, perceptual"),
-    ("--weights normal", "give maps and numbers"),
-    ("--weights normal=-1", "give maps and numbers"),
-    ("--weights normal=inf", "give maps and numbers"),
-    ("--weights color=1", "no map 'color'; there are albedo, normal, ao, sky"),
-    ("--resize 4", "--resize 4: give width and height"),
-    ("--resize 0x9", "--resize 0x9: give sides of 1 to 16384"),
-    ("--device cuda:99", "--device cuda:99: no such device"),
-    ("--resume", "--resume: . has no checkpoints"),
-]
-
-
-@pytest.mark.parametrize(("options", "message"), BAD_COMPRESS, ids=lambda value: str(value)[:24])
-def test_bad_options_of_compress(codec, capfd, options, message):
-    before = sorted(Path().rglob("*"))
-    assert message in refused(capfd, "compress", "rock", "-o", "rock.wntc", *options.split())
-    assert not codec and sorted(Path().rglob("*")) == before
-
-
-BAD_DECOMPRESS = [
-    ("none.wntc", "none.wntc: no such file"),
-    ("rock.wntc --mip 2", "--mip 2: give 0 to 1, or all"),
-    ("rock.wntc --mip -1", "--mip -1: give 0 to 1"),
-    ("rock.wntc --mip all --rectangle 0,0,1,1", "--rectangle: lies in one mip level"),
-    ("rock.wntc --rectangle 0,0,9", "--rectangle 0,0,9: give left, top, width and height"),
-    ("rock.wntc --rectangle 0,0,10,1", "does not lie in the 9 x 6 texels"),
-    ("rock.wntc --mip 1 --rectangle 0,0,5,1", "does not lie in the 4 x 3 texels"),
-    ("rock.wntc --rectangle 0,0,0,1", "does not lie in"),
-    ("rock.wntc --maps colour", "--maps colour: rock.wntc holds albedo, normal, ao, sky"),
-    ("rock.wntc --maps ,", "--maps: give some of albedo"),
-    ("rock.wntc --dds --exr", "--dds or --exr"),
-    ("rock.wntc --bc1", "--bc1 only with --dds"),
-]
-
-
-@pytest.mark.parametrize(("options", "message"), BAD_DECOMPRESS, ids=lambda value: str(value)[:24])
-def test_bad_options_of_decompress(codec, capfd, options, message):
-    run(capfd, "compress", "rock", "-o", "rock.wntc", "--mips", "2")
-    assert message in refused(capfd, "decompress", "-o", "out", *options.split())
-    assert not Path("out").exists()
-
-
-def test_bad_places(codec, capfd):
-    assert "rock: a folder or device" in refused(capfd, "compress", "rock", "-o", "rock")
-    assert "cannot write here" in refused(capfd, "compress", "rock", "-o", "rock/ao.png/a.wntc")
-    assert "none: not a readable folder" in refused(capfd, "compress", "none", "-o", "a.wntc")
-    save_image("rock/height.png", np.ones((3, 3)), color_space="linear")
-    line = refused(capfd, "compress", "rock", "-o", "a.wntc")
-    assert "unequal sizes" in line and "height.png 3 x 3" in line and "--resize 9x6" in line
-    assert not codec and not Path("a.wntc").exists()
 
 
 def test_a_stopped_run_is_gone_on_with(codec, capfd, monkeypatch):

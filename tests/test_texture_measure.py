@@ -1,6 +1,7 @@
 """Errors of decoded textures against their definitions."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,6 +61,19 @@ def test_a_step_of_the_logarithm_is_a_ratio():
     inner = sky < sky.max() / ratio  # the others are clipped
     assert (wrong + 2 ** each.low[0])[inner] == pytest.approx(((sky + 2 ** each.low[0]) * ratio)[inner], rel=1e-4)
     assert relative_error(sky, 1.1 * sky, 0) == pytest.approx(0.1, rel=1e-5)
+
+
+def test_a_constant_channel_of_hdr_has_no_logarithm():
+    """Its value is no end of the range: the errors are those of the channel that varies, alone."""
+    bright = np.float32(np.random.default_rng(4).random((16, 16, 1)) * 900 + 100)
+    alone = load_set({"sky": bright, "ao": np.float32(bright > 500)}, maps=["sky"])
+    (each,) = alone.maps
+    both = replace(each, low=(*each.low, 0.25), high=(*each.high, 0.25))
+    assert both.trained == (0,) and both.span == each.span and each.span[0] > 0.25
+    changed = np.clip(alone.values + np.float32(0.02), 0, 1)
+    one, two = (map_errors(alone.values, changed, [m])["maps"]["sky"] for m in (each, both))
+    errors = np.square([one["relative"], two["relative"]])
+    assert errors[1] == pytest.approx(errors[0] / 2)  # the mean over two channels, of which one is exact
 
 
 def test_angles_of_normals():

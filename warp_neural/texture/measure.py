@@ -55,7 +55,7 @@ def map_errors(truth: np.ndarray, result: np.ndarray, maps: Sequence[Map]) -> di
         if name in errors["maps"]:
             row = errors["maps"][name]
             if each.kind == "hdr":
-                row["relative"] = relative_error(a, b, 2.0 ** min(each.low))
+                row["relative"] = relative_error(a, b, 2.0 ** each.span[0])
             if each.kind == "normal":
                 row["degrees"] = angle(a[..., :3], b[..., :3])
             a, b = shown(a, each), shown(b, each)
@@ -67,7 +67,7 @@ def shown(stored: np.ndarray, each: Map) -> np.ndarray:
     """A map as stored to a picture in [0, 1] as it would be displayed, [height, width, 1 or 3]: hdr as its logarithms
     over their range, others as they are; without alpha, two or three channels of colour."""
     colours = stored[..., : 1 if each.channels <= 2 else 3]
-    low, high = min(each.low), max(each.high)
+    low, high = each.span
     if each.kind == "hdr":
         colours = (np.log2(np.maximum(colours, 0) + 2.0**low) - low) / (high - low)
     elif low < 0 or high > 1:

@@ -55,6 +55,12 @@ class Map:
         """Which channels are results of the network."""
         return tuple(c for c in range(self.channels) if self.low[c] != self.high[c])
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """The least low and the largest high of the channels that vary, of all where none does."""
+        channels = self.trained or range(self.channels)
+        return min(self.low[c] for c in channels), max(self.high[c] for c in channels)
+
 
 @dataclass(frozen=True)
 class TextureState:
