@@ -86,8 +86,9 @@ def measure_ours(bench: Bench, config: TextureConfig) -> None:
     options = {"rate_weight": RATE_WEIGHT, "tiles": config.tiles, "seed": config.seed, "device": bench.device}
     at_once = CHECK if bench.device.is_cuda else 1
     trainer = TextureTrainer(spec, values, steps=4 * at_once * (WARM_UP + config.rounds), **options)
-    trainer.run(at_once, quiet=True)  # compiles
-    rounds = [wall_ms(lambda: trainer.run(at_once, quiet=True), 2) for _ in range(WARM_UP + config.rounds)]
+    run = lambda: trainer.run(trainer.index + at_once)  # noqa: E731
+    run()  # compiles
+    rounds = [wall_ms(run, 2) for _ in range(WARM_UP + config.rounds)]
     bench.add("Warp Neural", "step", np.array(rounds[WARM_UP:]) / at_once, "ms")
 
 

@@ -18,13 +18,13 @@ FORMAT, VERSION = "texture checkpoint", 1
 
 class Checkpoint:
     """path: of the file, or None for a run that keeps none. configuration: JSON, what has to be the same for a run to
-    go on. plan: JSON, what was found out before the long run; None unless there is a file.
+    go on.
 
     Raises `InputError` for a file that is damaged or of another run.
     """
 
     def __init__(self, path: Path | None, configuration: dict[str, Any]):
-        self.path, self.configuration, self.plan = path, configuration, None
+        self.path, self.configuration = path, configuration
         self.tensors: dict[str, np.ndarray] | None = None
         if path and path.is_file():
             self.tensors, metadata = load_tensors(path)
@@ -32,10 +32,10 @@ class Checkpoint:
                 raise InputError(f"{path}: not a checkpoint of compress; leave --resume out")
             if metadata.get("configuration") != configuration:
                 raise InputError(f"{path}: of other pictures or options; give the same ones, or leave --resume out")
-            self.plan, self.rate_weight = metadata.get("plan"), metadata.get("rate_weight")
+            self.rate_weight = metadata.get("rate_weight")
 
     @contextmanager
-    def kept(self, trainer: TextureTrainer, plan: Any) -> Iterator[Callable[[], None] | None]:
+    def kept(self, trainer: TextureTrainer) -> Iterator[Callable[[], None] | None]:
         """Takes the trainer to where the file was, if there is one, once; yields what saves now and then."""
         if self.tensors is not None:
             self._restore(trainer)
@@ -47,17 +47,17 @@ class Checkpoint:
         def watch() -> None:
             nonlocal saved
             if time.monotonic() - saved > SAVE_SECONDS:
-                self.save(trainer, plan)
+                self.save(trainer)
                 saved = time.monotonic()
 
         try:
             yield watch
         except KeyboardInterrupt:
-            self.save(trainer, plan)
+            self.save(trainer)
             raise
 
-    def save(self, trainer: TextureTrainer, plan: Any) -> None:
-        metadata = {"format": FORMAT, "version": VERSION, "configuration": self.configuration, "plan": plan}
+    def save(self, trainer: TextureTrainer) -> None:
+        metadata = {"format": FORMAT, "version": VERSION, "configuration": self.configuration}
         save_tensors(self.path, trainer.snapshot(), metadata | {"rate_weight": trainer.rate_weight})
 
     def _restore(self, trainer: TextureTrainer) -> None:

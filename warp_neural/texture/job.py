@@ -14,15 +14,12 @@ from warp_neural.kernels.texture.losses import Cost, TextureLoss, known_l2
 from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import coded_bits
-from warp_neural.texture.levels import padded_sizes
 from warp_neural.texture.maps import TextureSet, mip_chain, without_hidden
 from warp_neural.texture.masking import with_weights
 from warp_neural.texture.measure import psnr
 from warp_neural.texture.presets import spec_of
 from warp_neural.texture.state import Map
 from warp_neural.texture.trainer import TextureTrainer
-
-CODED = 0.93  # of the trainer's bits, after contexts are fitted
 
 
 @dataclass(frozen=True)
@@ -62,11 +59,6 @@ class Job:
     ) -> TextureTrainer:
         options = {"loss": self.loss, "seed": self.seed, "device": self.device, "precision": precision}
         return TextureTrainer(spec, self.targets, rate_weight=rate_weight, steps=steps, tiles=tiles, **options)
-
-    def log_bits(self, trainer: TextureTrainer, rest: float) -> float:
-        """Of all latents, as the trainer counts them, and `rest`."""
-        texels = int(padded_sizes(trainer.spec).prod(1).sum())
-        return log(CODED * trainer.bits * texels + rest)
 
     def log_coded(self, trainer: TextureTrainer, less: float) -> float:
         """Of the file less what it surely holds beside latents."""

@@ -16,21 +16,19 @@ QUALITIES = {"low": 1.5e-3, "medium": 3e-4, "high": 6e-5}
 
 @dataclass(frozen=True)
 class Effort:
-    """Steps of the run and of each of `probes` short ones, of `tiles` squares of 32 x 32 texels."""
+    """Steps of a run, each of `tiles` squares of 32 x 32 texels."""
 
     steps: int
-    probe: int
-    probes: int
     tiles: int
 
 
 def effort_of(device: wp.Device, preview: bool, share: float = 1.0) -> Effort:
-    """share: texels of all levels by those of the finest. On the CPU short runs would say little."""
+    """share: texels of all levels by those of the finest."""
     if device.is_cuda:
-        effort = Effort(4_000, 1_000, 1, 64) if preview else Effort(20_000, 2_500, 3, 64)
+        effort = Effort(4_000 if preview else 20_000, 64)
     else:
-        effort = Effort(5_000, 0, 0, 4) if preview else Effort(30_000, 4_000, 1, 4)
-    return replace(effort, steps=round(share * effort.steps), probe=round(share * effort.probe))
+        effort = Effort(5_000 if preview else 30_000, 4)
+    return replace(effort, steps=round(share * effort.steps))
 
 
 def spec_of(height: int, width: int, channels: int, mips: int, bits: float) -> TextureSpec:

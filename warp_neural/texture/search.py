@@ -1,92 +1,99 @@
-"""Which weight of the rate leads to a wanted size or quality: short runs and a secant, then the long run.
+"""Which weight of the rate leads to a wanted size or quality: it is steered while a run goes on.
 
-Goals are numbers that fall or rise smoothly with log(lambda): log(bits of latents), with a slope of -0.9 to -0.3, and
-PSNR, of about -2 dB. Short runs of an eighth of the steps end with 1.2 to 3 times the long one's bits, by material, so
-the long run is taken again, from where its rates are still high, until the goal is met.
+Goals are numbers that fall with log(lambda): log(bits of latents), with a slope of -0.9 to -0.3, and PSNR, of about -2
+dB. In a run both go on changing, as the rates of the optimizer fall, by about as much for any picture; so what a run
+will end with is known from a quarter of it on, and lambda is moved as long as latents can follow.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import exp, log
 
+import numpy as np
+
 from warp_neural.texture.trainer import TextureTrainer
 
-AGAIN_FROM = 0.4  # of the noisy steps; from 0.65 a large change of lambda cost 1 dB (Metal053C, 3.9 bits)
-LARGEST_CHANGE = 1.5  # of log(lambda) at once
+MOMENTS = 0.15, 0.25, 0.35, 0.45, 0.55, 0.65  # of a run's steps, when lambda is changed
+AGAIN_FROM = 0.45, 0.65  # for large and for small changes
+SMALL = 0.15  # change of log(lambda); larger ones from 0.65 on cost up to 1 dB (Metal053C, 3.9 bits)
+LARGEST = 1.5  # change of log(lambda) at once
 LEAST, MOST = 1e-8, 0.1  # lambda: beyond, nothing changes
 
 
 @dataclass(frozen=True)
 class Goal:
-    """value: wanted of `measure(trainer)` after the long run. estimate: about the same, after short ones. slope:
-    of it by log(lambda), a first guess. tolerance: met within it."""
+    """value: wanted of `measure(trainer)` at the end of a run. slope: of it by log(lambda), about. tolerance: met
+    within it. to_come: by how much it will still grow from each of `MOMENTS` on."""
 
-    estimate: Callable[[TextureTrainer], float]
     measure: Callable[[TextureTrainer], float]
     value: float
     slope: float
     tolerance: float
+    to_come: Sequence[float]
 
     def met(self, result: float) -> bool:
         return abs(result - self.value) <= self.tolerance
 
 
 @dataclass(frozen=True)
-class Probe:
-    """A run's weight and what it led to."""
+class Trial:
+    """A run's weight in the end, and what it led to."""
 
     rate_weight: float
     result: float
 
 
-def find(
-    make_short: Callable[[float], TextureTrainer], start: float, goal: Goal, probes: int, **options
-) -> tuple[float, float]:
-    """The weight for the long run and the slope there, from at most `probes` short runs, of which the first has weight
-    `start`."""
-    done, weight, slope = [], start, goal.slope
-    while len(done) < probes and not (done and goal.met(done[-1].result)):
-        trainer = make_short(weight)
+Snapshots = list[dict[str, np.ndarray]]
+
+
+def meet(trainer: TextureTrainer, goal: Goal, first: Snapshots, tries: int = 6, **options) -> bool:
+    """Run to the end, and its last part again until the goal is met: whether it is. first: where the run began, if it
+    has gone on from a checkpoint."""
+    snapshots = first + _steer(trainer, goal, **options)
+    trials, slope, again_from = [], goal.slope, -1
+    while True:
         trainer.run(**options)
-        done.append(Probe(weight, goal.estimate(trainer)))
-        slope = slope_of(done, slope)
-        weight = next_weight(done, goal, slope)
-    return weight, slope
+        trials.append(Trial(trainer.rate_weight, goal.measure(trainer)))
+        if goal.met(trials[-1].result) or len(trials) == tries:
+            return goal.met(trials[-1].result)
+        slope = slope_of(trials, slope)
+        weight = next_weight(trials, goal, slope)
+        if abs(log(weight / trials[0].rate_weight)) > SMALL:
+            again_from = 0  # from now on, as results of both kinds lie on two curves
+        trainer.restore(snapshots[again_from])
+        trainer.rate_weight = weight
 
 
-def slope_of(done: list[Probe], before: float) -> float:
-    """Between the last two probes; one far from what is usual is not trusted."""
-    if len(done) < 2 or abs(log(done[-1].rate_weight / done[-2].rate_weight)) < 0.02:
+def _steer(trainer: TextureTrainer, goal: Goal, **options) -> Snapshots:
+    """Up to the last moment; those of `AGAIN_FROM` that were passed."""
+    snapshots = []
+    for share, to_come in zip(MOMENTS, goal.to_come, strict=True):
+        moment = int(share * trainer.steps)
+        if trainer.index > moment:
+            continue
+        trainer.run(moment, **options)
+        expected = Trial(trainer.rate_weight, goal.measure(trainer) + to_come)
+        trainer.rate_weight = next_weight([expected], goal, goal.slope)
+        if share in AGAIN_FROM:
+            snapshots.append(trainer.snapshot())
+    return snapshots
+
+
+def slope_of(trials: list[Trial], before: float) -> float:
+    """Between the last two; one far from what is usual is not trusted."""
+    if len(trials) < 2 or abs(log(trials[-1].rate_weight / trials[-2].rate_weight)) < 0.02:
         return before
-    found = (done[-1].result - done[-2].result) / log(done[-1].rate_weight / done[-2].rate_weight)
+    found = (trials[-1].result - trials[-2].result) / log(trials[-1].rate_weight / trials[-2].rate_weight)
     return found if 0.3 < found / before < 3 else before
 
 
-def next_weight(done: list[Probe], goal: Goal, slope: float) -> float:
+def next_weight(trials: list[Trial], goal: Goal, slope: float) -> float:
     """With which the next run should meet the goal: between the nearest runs on both sides of it, if there are."""
-    nearest = sorted(done, key=lambda probe: abs(probe.result - goal.value))
-    over, under = ([p for p in nearest if (p.result > goal.value) == side] for side in (True, False))
+    nearest = sorted(trials, key=lambda trial: abs(trial.result - goal.value))
+    over, under = ([t for t in nearest if (t.result > goal.value) == side] for side in (True, False))
     if over and under:
         share = (goal.value - under[0].result) / (over[0].result - under[0].result)
         return under[0].rate_weight ** (1 - share) * over[0].rate_weight ** share
     change = (goal.value - nearest[0].result) / slope
-    weight = nearest[0].rate_weight * exp(max(-LARGEST_CHANGE, min(change, LARGEST_CHANGE)))
+    weight = nearest[0].rate_weight * exp(max(-LARGEST, min(change, LARGEST)))
     return max(LEAST, min(weight, MOST))
-
-
-def meet(trainer: TextureTrainer, goal: Goal, slope: float, tries: int = 5, **options) -> float:
-    """The long run, from `AGAIN_FROM` on again until the goal is met. What it led to."""
-    again_from, saved = int(AGAIN_FROM * trainer.schedule.noise_until), None
-    if trainer.index <= again_from:  # a run that goes on from a checkpoint may be past it
-        trainer.run(again_from, **options)
-        saved = trainer.snapshot()
-    trainer.run(**options)
-    done = [Probe(trainer.rate_weight, goal.measure(trainer))]
-    while saved and not goal.met(done[-1].result) and len(done) < tries:
-        weight = next_weight(done, goal, slope)
-        trainer.restore(saved)
-        trainer.rate_weight = weight
-        trainer.run(**options)
-        done.append(Probe(weight, goal.measure(trainer)))
-        slope = slope_of(done, slope)
-    return done[-1].result
