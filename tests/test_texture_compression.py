@@ -54,7 +54,7 @@ def test_searches_meet_their_goal(wanted, fall):
 def test_a_goal_out_of_reach_ends():
     trainer = Stand(1e-3)
     assert not meet(trainer, goal(1e3), [])
-    assert 1e-8 <= trainer.rate_weight < 1e-3
+    assert 1e-8 <= trainer.rate_weight < 1e-3 and trainer.index == 1000
 
 
 @pytest.mark.parametrize("index", [300, 640, 990])

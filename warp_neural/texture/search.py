@@ -50,18 +50,19 @@ def meet(trainer: TextureTrainer, goal: Goal, first: Snapshots, tries: int = 6, 
     """Run to the end, and its last part again until the goal is met: whether it is. first: where the run began, if it
     has gone on from a checkpoint."""
     snapshots = first + _steer(trainer, goal, **options)
-    trials, slope, again_from = [], goal.slope, -1
-    while True:
+    steered, trials, slope, again_from = trainer.rate_weight, [], goal.slope, -1
+    for left in reversed(range(tries)):
         trainer.run(**options)
         trials.append(Trial(trainer.rate_weight, goal.measure(trainer)))
-        if goal.met(trials[-1].result) or len(trials) == tries:
+        if goal.met(trials[-1].result) or not left:
             return goal.met(trials[-1].result)
         slope = slope_of(trials, slope)
         weight = next_weight(trials, goal, slope)
-        if abs(log(weight / trials[0].rate_weight)) > SMALL:
-            again_from = 0  # from now on, as results of both kinds lie on two curves
+        if again_from and abs(log(weight / steered)) > SMALL:
+            trials, again_from = [], 0  # runs from there follow another curve
         trainer.restore(snapshots[again_from])
         trainer.rate_weight = weight
+    raise ValueError(f"tries={tries}: at least 1")
 
 
 def _steer(trainer: TextureTrainer, goal: Goal, **options) -> Snapshots:
