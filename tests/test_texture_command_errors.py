@@ -23,7 +23,7 @@ BAD_COMPRESS = [
     ("--mips most", "--mips most: 9 x 6"),
     ("--maps colour", "--maps colour: rock holds albedo, normal, ao, sky"),
     ("--maps ,", "no maps"),
-    ("--losses normal=cosine", "give maps and one of l2, angle, perceptual"),
+    ("--losses normal=cosine", "give maps and one of l2, angle, luminance"),
     ("--weights normal", "give maps and numbers"),
     ("--weights normal=-1", "give maps and numbers"),
     ("--weights normal=inf", "give maps and numbers"),

@@ -40,8 +40,8 @@ def test_network(tmp_path, monkeypatch):
     spec = NetworkSpec((SPEC.n_in, 64, 64, 8), elu, format=FLOAT16)
     schedule = choose_schedule(spec, 90, 227 * 1024)
     assert type(schedule).__name__ == "Hopper64Schedule"
-    loss = replace(losses.known_l2, normals=(3,), seen=((0, 3),))
-    drawn = sample.make_sample(SPEC, 64, spec.vec_in, loss.target_type(8))
+    loss = replace(losses.known_l2, normals=(3,), colours=(0,))
+    drawn = sample.make_sample(SPEC, 64, spec.vec_in)
     kernels = make_kernels(spec, schedule, drawn, loss, None, True, True)
     for kernel in [*kernels, make_fused_update_kernel(adam, spec, schedule), update.kernels_kernel]:
         compiles(kernel, 90, tmp_path)

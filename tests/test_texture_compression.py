@@ -129,8 +129,9 @@ def test_a_stopped_run_goes_on(short_runs, tmp_path, monkeypatch):
         ({"size": 400}, "size 400: the network alone takes .* kB; give at least .* bytes"),
         ({"weights": {"normal": 2}}, "names of maps, albedo, ao"),
         ({"losses": {"normal": "angle"}}, "names of maps, albedo, ao"),
-        ({"losses": {"albedo": "angle"}}, "l2 or perceptual for what is no normal"),
-        ({"losses": {"ao": "l1"}}, "one of l2, angle, perceptual"),
+        ({"losses": {"albedo": "angle"}}, "l2 for what is no normal"),
+        ({"losses": {"ao": "l1"}}, "one of l2, angle, luminance"),
+        ({"losses": {"ao": "luminance"}}, "no three channels of colour"),
         ({"mips": 9}, "have 1 to 6"),
     ],
 )

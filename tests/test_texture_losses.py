@@ -8,7 +8,6 @@ import warp as wp
 
 from warp_neural.kernels.texture.losses import known_l2
 from warp_neural.texture.job import loss_of
-from warp_neural.texture.masking import with_weights
 from warp_neural.texture.state import Map
 
 WEIGHTS = 2.0, 2.0, 2.0, 1.0, 0.5, 0.5, 0.5
@@ -16,17 +15,20 @@ LOSSES = {
     "l2": known_l2,
     "weighted": known_l2.weighted(*WEIGHTS),
     "angle": replace(known_l2.weighted(*WEIGHTS), normals=(4,)),
-    "perceptual": replace(known_l2.weighted(*WEIGHTS), seen=((0, 3), (3, 1))),
-    "both": replace(known_l2, normals=(4,), seen=((0, 3),)),
+    "luminance": replace(known_l2.weighted(*WEIGHTS), colours=(0,)),
+    "both": replace(known_l2, normals=(4,), colours=(0,)),
 }
 
 
 def cost(loss, p, t):
-    """[samples, 7] and targets with weights to [samples], float64."""
+    """[samples, 7] to [samples], float64."""
     n = 7
     each = np.where(np.isnan(t[:, :n]), 0, (p - t[:, :n]) ** 2)
-    for k, (first, count) in enumerate(loss.seen):
-        each[:, first : first + count] *= np.nan_to_num(t[:, n + k, None])
+    for c in loss.colours:
+        e = p[:, c : c + 3] - t[:, c : c + 3]
+        y = e @ np.array([0.2126, 0.7152, 0.0722])
+        each[:, c : c + 3] = 0
+        each[:, c] = np.nan_to_num(3 * y**2 + 0.3 * ((e[:, 0] - y) ** 2 + (e[:, 2] - y) ** 2))
     for c in loss.normals:
         u, v = 2 * p[:, c : c + 3] - 1, 2 * t[:, c : c + 3] - 1
         a, b = (np.sqrt((x * x).sum(-1) + 1e-4) for x in (u, v))
@@ -38,16 +40,15 @@ def cost(loss, p, t):
 
 def evaluate(loss, p, t, device):
     """(values, gradients)."""
-    vec, vec_target, value, gradient = wp.types.vector(7, float), loss.target_type(7), loss.value(7), loss.gradient(7)
+    vec, value, gradient = wp.types.vector(7, float), loss.value(7), loss.gradient(7)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def kernel(p: wp.array[vec], t: wp.array[vec_target], values: wp.array[float], gradients: wp.array[vec]):
+    def kernel(p: wp.array[vec], t: wp.array[vec], values: wp.array[float], gradients: wp.array[vec]):
         i = wp.tid()
         values[i] = value(p[i], t[i])
         gradients[i] = gradient(p[i], t[i])
 
-    pairs = zip((p, t), (vec, vec_target), strict=True)
-    inputs = [wp.array(x.astype(np.float32), dtype=dtype, device=device) for x, dtype in pairs]
+    inputs = [wp.array(x.astype(np.float32), dtype=vec, device=device) for x in (p, t)]
     outputs = [wp.zeros(len(p), dtype=dtype, device=device) for dtype in (float, vec)]
     wp.launch(kernel, len(p), inputs, outputs, device=device)
     return outputs[0].numpy(), outputs[1].numpy()
@@ -56,7 +57,7 @@ def evaluate(loss, p, t, device):
 @pytest.mark.parametrize("name", LOSSES)
 def test_values_and_gradients(name, device):
     loss, random = LOSSES[name], np.random.default_rng(5)
-    t = np.float32(random.random((50, 7 + len(loss.seen)))).astype(np.float64)
+    t = np.float32(random.random((50, 7))).astype(np.float64)
     t[:5] = np.nan  # where nothing is known
     p = np.float32(random.random((50, 7))).astype(np.float64)
     values, gradients = evaluate(loss, p, t, device)
@@ -66,20 +67,6 @@ def test_values_and_gradients(name, device):
     np.testing.assert_allclose(gradients, np.stack(slopes, -1), rtol=1e-4, atol=1e-6)
 
 
-def test_weights_of_what_is_seen():
-    """Small where the map is rough, large where it is flat, 0 where nothing is known, of mean 1."""
-    random = np.random.default_rng(2)
-    level = np.full((48, 48, 4), 0.5, np.float32)
-    level[:, 24:, :3] += 0.3 * random.standard_normal((48, 24, 3), np.float32)
-    level[:4] = np.nan
-    (result,) = with_weights([level], [(0, 3)])
-    np.testing.assert_array_equal(result[..., :4], level)
-    weights = result[..., 4]
-    assert (weights[:4] == 0).all() and weights[4:].mean() == pytest.approx(1, rel=1e-5)
-    assert weights[10:40, 8:16].min() > 5 * weights[10:40, 32:40].max()
-    assert with_weights([level], [])[0].shape == level.shape
-
-
 def test_places_of_maps():
     """Of their first channels, behind those that vary."""
     maps = (
@@ -87,6 +74,6 @@ def test_places_of_maps():
         Map("normal", "normal", (0.0,) * 3, (1.0,) * 3),
         Map("albedo", "srgb", (0.0,) * 3, (1.0,) * 3),
     )
-    loss = loss_of(maps, {"albedo": 3}, {"normal": "angle", "albedo": "perceptual"})
-    assert (loss.normals, loss.seen, loss.weights) == ((1,), ((4, 3),), (1, 1, 1, 1, 3, 3, 3))
+    loss = loss_of(maps, {"albedo": 3}, {"normal": "angle", "albedo": "luminance"})
+    assert (loss.normals, loss.colours, loss.weights) == ((1,), (4,), (1, 1, 1, 1, 3, 3, 3))
     assert loss_of(maps, None, {"ao": "l2"}) == known_l2

@@ -40,10 +40,6 @@ class Loss:
         """`(prediction: vec of n float32, target) -> vec`: the derivative of `value` in the prediction."""
         return make_gradient(self, n)
 
-    def target_type(self, n: int) -> type:
-        """The type of the target of n components."""
-        return wp.types.vector(n, float)
-
     def value_text(self, n: int) -> str:
         """C++ that sets `loss` from the vectors `prediction` and `target`, with the weights `w`."""
         return f"{for_each(n, f'loss += w[i] * ({self.term});')}loss *= {1 / n!r}f;\n"
@@ -95,14 +91,14 @@ def prelude(loss: Loss, n: int) -> str:
 @cache
 def make_value(loss: Loss, n: int) -> wp.Function:
     """`Loss.value`."""
-    vec, vec_target = wp.types.vector(n, float), loss.target_type(n)
+    vec = wp.types.vector(n, float)
     gradient = f"{prelude(loss, n)}real d[{n}];\n{loss.gradient_text(n)}"
 
     @wp.func_native(
         f"{prelude(loss, n)}real loss = 0.0f;\n{loss.value_text(n)}return loss;\n",
         adj_snippet=f"{gradient}for (int i = 0; i < {n}; ++i) adj_prediction.c[i] += adj_ret * d[i];\n",
     )
-    def value(prediction: vec, target: vec_target) -> wp.float32: ...
+    def value(prediction: vec, target: vec) -> wp.float32: ...
 
     return value
 
@@ -110,12 +106,12 @@ def make_value(loss: Loss, n: int) -> wp.Function:
 @cache
 def make_gradient(loss: Loss, n: int) -> wp.Function:
     """`Loss.gradient`."""
-    vec, vec_target = wp.types.vector(n, float), loss.target_type(n)
+    vec = wp.types.vector(n, float)
 
     @wp.func_native(
         f"{prelude(loss, n)}wp::vec_t<{n}, real> y;\nreal* const d = y.c;\n{loss.gradient_text(n)}return y;\n"
     )
-    def gradient(prediction: vec, target: vec_target) -> vec: ...
+    def gradient(prediction: vec, target: vec) -> vec: ...
 
     return gradient
 

@@ -9,7 +9,8 @@ TILE = 32  # texels a side of what a step takes at once, a place of one level; a
 class Levels:
     """Latents of level m and grid g: those of cell (row, column) from `first[m, g] + (row * columns[m, g] + column) *
     channels` on. Texels of level m, row by row, from `texels[m]` on; sizes[m]: height and width; padded[m]: the same in
-    whole cells of the coarsest grid, where all wraps. detail[m]: level of detail, the network's last input.
+    whole cells of the coarsest grid, where all wraps. detail[m]: level of detail, the network's last input. rate[m]: a
+    factor of the weight of its bits.
     """
 
     first: wp.array2d[int]
@@ -19,6 +20,7 @@ class Levels:
     sizes: wp.array[wp.vec2i]
     padded: wp.array[wp.vec2i]
     detail: wp.array[float]
+    rate: wp.array[float]
 
 
 @wp.struct

@@ -61,7 +61,7 @@ def make_rate_kernel(spec: TextureSpec, g: int) -> wp.Kernel:
         step = progress.counters[0]
         tile = data.tiles[step * tiles + t]
         first = data.levels.first[tile[0], g] + c
-        weight = data.rate_weight[step] * progress.scale[step % 2]
+        weight = data.levels.rate[tile[0]] * data.rate_weight[step] * progress.scale[step % 2]
         sigma = sigma_of(data.kernels[start + c])
         bits, in_sigma = float(0.0), float(0.0)
         for column in range(cells):

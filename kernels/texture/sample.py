@@ -10,9 +10,9 @@ from warp_neural.kernels.texture.spec import TextureSpec
 
 
 @cache
-def make_sample(spec: TextureSpec, tiles: int, vec_in: type, vec_target: type) -> wp.Function:
+def make_sample(spec: TextureSpec, tiles: int, vec_in: type) -> wp.Function:
     """`(index, random, data) -> (x, target)` as a `Trainer` takes it; x is not used, the network reads `encoded`."""
-    n = vec_target._length_
+    n_out, vec_out = spec.channels, wp.types.vector(spec.channels, float)
 
     @wp.func
     def sample(index: int, random: Stream, data: TextureData):
@@ -22,10 +22,10 @@ def make_sample(spec: TextureSpec, tiles: int, vec_in: type, vec_target: type) -
         level, padded, size = tile[0], data.levels.padded[tile[0]], data.levels.sizes[tile[0]]
         row = wrapped(tile[1] + i / TILE, padded[0])
         column = wrapped(tile[2] + i % TILE, padded[1])
-        target = vec_target(wp.nan)
+        target = vec_out(wp.nan)
         if row < size[0] and column < size[1]:
             at = data.levels.texels[level] + row * size[1] + column
-            for c in range(n):
+            for c in range(n_out):
                 target[c] = data.targets[at, c]
         return vec_in(), target
 

@@ -55,10 +55,10 @@ def make_results(spec: NetworkSpec, loss: Loss) -> wp.Function:
     """`(z, target, inside, scale) -> (loss, its scaled gradient)` of one sample; zeros unless `inside`."""
     n_out = spec.sizes[-1]
     vec_out, activate = wp.types.vector(n_out, wp.float32), spec.output_activation.func
-    value, gradient, vec_target = loss.value(n_out), loss.gradient(n_out), loss.target_type(n_out)
+    value, gradient = loss.value(n_out), loss.gradient(n_out)
 
     @wp.func
-    def results(z: vec_out, target: vec_target, inside: bool, scale: float):
+    def results(z: vec_out, target: vec_out, inside: bool, scale: float):
         total = float(0.0)
         dy = vec_out()
         if inside:

@@ -57,13 +57,13 @@ def weights_of(option: str, text: str | None, names: Iterable[str]) -> dict[str,
 
 
 def losses_of(option: str, text: str | None) -> dict[str, Cost] | None:
-    """`normal=angle,albedo=perceptual`; None stays."""
+    """`normal=angle,albedo=luminance`; None stays."""
     if text is None:
         return None
     pairs = [tuple(map(str.strip, part.partition("="))) for part in text.split(",")]
     if not all(cost in get_args(Cost) for _, _, cost in pairs):
         costs = ", ".join(get_args(Cost))
-        raise InputError(f"{option} {text}: give maps and one of {costs}, as in normal=angle,albedo=perceptual")
+        raise InputError(f"{option} {text}: give maps and one of {costs}, as in normal=angle,albedo=luminance")
     return {name: cost for name, _, cost in pairs}
 
 

@@ -1,5 +1,6 @@
 """`warp-neural compress` and `decompress`: from a folder of pictures to a neural texture's file, and back."""
 
+import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -47,7 +48,7 @@ class Compress(Options):
     weights: str | None = None
     """what errors count, by map, as in albedo=2,normal=1; 1 by default"""
     losses: str | None = None
-    """what errors cost, by map: angle for normals, perceptual (less where texture hides them), l2 by default"""
+    """what errors cost, by map: angle for normals, luminance for colours (less for chroma), l2 by default"""
     resize: str | None = None
     """scale all pictures, to a size as in 1024x512 or to that of the largest"""
     mips: str | None = None
@@ -86,6 +87,8 @@ class Compress(Options):
             texture_set, **goals, preview=self.preview, checkpoint=self._checkpoint(), quiet=self.json, **options
         )
         parts = result.save(self.out)
+        if not result.metrics.get("goal_met", True):
+            print(f"{self.out}: the goal was not met, see bits_per_texel and psnr", file=sys.stderr)
         described = describe_texture(result.state, parts, result.metrics)
         return {"written": str(self.out), **described, "left_out": list(texture_set.unused)}
 

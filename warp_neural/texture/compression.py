@@ -49,11 +49,11 @@ def compress(
 
     source: what `load_set` takes, a folder, files, arrays or a `Material`, or a `TextureSet`. At most one goal: bpp,
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
-    together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB. preview: fewer
-    steps. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1 if not
-    given. losses: what errors of a map cost, by name; "l2", their squares, if not given; of normals "angle"; less where
-    the map's own texture hides them, "perceptual". checkpoint: a file to save the long run to, every 30 seconds and at
-    Ctrl-C; if it is there, to go on from.
+    together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB; if not, the
+    metrics' "goal_met" is False. preview: fewer steps. mips: levels in the file, those of the source if None. weights:
+    of the errors of maps, by name; 1 if not given. losses: what errors of a map cost, by name; "l2", their squares, if
+    not given; of normals "angle"; of colours "luminance", with less for errors of chroma. checkpoint: a file to save
+    the run to, every 30 seconds and at Ctrl-C; if it is there, to go on from.
 
     Raises `InputError` for goals that cannot be met.
     """

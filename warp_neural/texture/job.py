@@ -15,7 +15,6 @@ from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import coded_bits
 from warp_neural.texture.maps import TextureSet, mip_chain, without_hidden
-from warp_neural.texture.masking import with_weights
 from warp_neural.texture.measure import psnr
 from warp_neural.texture.presets import spec_of
 from warp_neural.texture.state import Map
@@ -79,7 +78,7 @@ def make_job(
 ) -> Job:
     levels = mip_chain(texture_set, mips or len(texture_set.levels))
     loss = loss_of(texture_set.maps, weights, losses)
-    targets = with_weights(without_hidden(levels, texture_set.maps), loss.seen)
+    targets = without_hidden(levels, texture_set.maps)
     return Job(texture_set.maps, tuple(levels), targets, loss, device, seed)
 
 
@@ -94,16 +93,18 @@ def loss_of(
     for name, value in weights.items():
         require(is_finite(value) and value >= 0, f"weights: {name}", value, "a finite number, not negative")
     places = np.cumsum([0, *(len(each.trained) for each in maps)]).tolist()
-    normals, seen = [], []
+    normals, colours = [], []
     for name, cost in losses.items():
         each, place = maps[names.index(name)], places[names.index(name)]
         require(cost in get_args(Cost), f"losses: {name}", cost, f"one of {', '.join(get_args(Cost))}")
         if cost == "angle":
             fits = each.kind == "normal" and each.trained[:3] == (0, 1, 2)
-            require(fits, f"losses: {name}", cost, "l2 or perceptual for what is no normal of three channels")
+            require(fits, f"losses: {name}", cost, "l2 for what is no normal of three channels")
             normals.append(place)
-        if cost == "perceptual" and each.trained:
-            seen.append((place, len(each.trained)))
+        if cost == "luminance":
+            fits = each.kind != "normal" and each.trained[:3] == (0, 1, 2)
+            require(fits, f"losses: {name}", cost, "l2 for what has no three channels of colour that vary")
+            colours.append(place)
     by_channel = [weights.get(each.name, 1.0) for each in maps for _ in each.trained]
     loss = known_l2.weighted(*by_channel) if weights else known_l2
-    return replace(loss, normals=tuple(normals), seen=tuple(seen))
+    return replace(loss, normals=tuple(normals), colours=tuple(colours))

@@ -100,7 +100,7 @@ class TextureTrainer:
         self.progress = make_progress(self.optimizer, sizes, 128.0 if on_cuda else 1.0, seed)
         options = make_update(self.optimizer, net.master.size, 1, None, on_cuda)
         self.batch = TextureBatch(self.spec, self.tiles, self.device)
-        sample = make_sample(self.spec, self.tiles, net.vec_in, loss.target_type(self.spec.channels))
+        sample = make_sample(self.spec, self.tiles, net.vec_in)
         kind = FusedCuda if on_cuda else FusedCpu
         common = net, self.optimizer, self.progress, options
         self.launches = kind(*common, sample, self.data, loss, sizes, encoded_batch=self.batch)

@@ -41,7 +41,7 @@ class FusedCpu(Steps):
         wp.load_module(self.kernel.module, net.device)
         self.scratch = wp.zeros(areas(net.spec)[1], dtype=float, device=net.device)
         self.x = wp.zeros(CHUNK, dtype=net.vec_in, device=net.device)
-        self.target = wp.zeros(CHUNK, dtype=loss.target_type(net.n_out), device=net.device)
+        self.target = wp.zeros(CHUNK, dtype=wp.types.vector(net.n_out, float), device=net.device)
         self.encoded = encoded_batch.values if encoded_batch else wp.zeros((0, 0), dtype=float, device=net.device)
 
     def gradient(self, micro: int) -> None:

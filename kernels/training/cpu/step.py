@@ -67,7 +67,7 @@ def make_cpu_gradient_kernel(
     n_out, data, draw = spec.sizes[-1], data_type(sample), make_draw(sample)
     vec_in = encode.input_types["x"] if encode else spec.vec_in
     vec_first = wp.types.vector(spec.sizes[0], wp.float32) if encode or from_encoded else spec.vec_in
-    vec_target, value, gradient_of = loss.target_type(n_out), loss.value(n_out), loss.gradient(n_out)
+    vec_out, value, gradient_of = wp.types.vector(n_out, wp.float32), loss.value(n_out), loss.gradient(n_out)
     trains_encoding, chunk = encode_adjoint is not None, wp.constant(cpu.CHUNK)
     write_input, read_result, write_gradient, read_input_gradient = make_access(spec, vec_first)
     begin, forward, backward, finish = make_passes(spec, trains_encoding or from_encoded)
@@ -83,7 +83,7 @@ def make_cpu_gradient_kernel(
         batches: int,
         scratch: wp.array[float],
         xs: wp.array[vec_in],
-        targets: wp.array[vec_target],
+        targets: wp.array[vec_out],
         gradient: wp.array[float],
         encoded: wp.array2d[float],
     ):
