@@ -10,7 +10,7 @@ from warp_neural.kernels.texture.levels import TILE
 from warp_neural.kernels.texture.rate import laplace_bits
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.texture.decoder import Decoder
-from warp_neural.texture.levels import all_tiles, first_latents, split_latents, tile_order
+from warp_neural.texture.levels import COARSER, all_tiles, first_latents, split_latents, tile_order
 from warp_neural.texture.state import Map
 from warp_neural.texture.trainer import TextureTrainer
 
@@ -69,7 +69,7 @@ def test_inputs(height, width, mips, device):
 @pytest.mark.parametrize(("height", "width", "mips"), SIZES, ids=str)
 def test_gradients(height, width, mips, device):
     """Of the squared error and the bits, to latents, kernels and network."""
-    trainer, levels = make(height, width, mips, device=device)
+    trainer, levels = make(height, width, mips, rate_weight=0.5, device=device)
     spec, scale = trainer.spec, float(trainer.progress.scale.numpy()[0])
     weight = trainer.data.rate_weight.numpy()[0]
     latents, tensors = trainer.state(maps_of(3)).latents, tensors_of(trainer)
@@ -102,7 +102,7 @@ def test_gradients(height, width, mips, device):
             c = (np.arange(cells) + column // grid.scale) % q.shape[1]
             sigma, h = np.log(2) + 0.02, 1e-6  # scales start at 0
             slope = (reference.laplace_bits(q + h, sigma) - reference.laplace_bits(q - h, sigma)) / (2 * h)
-            np.add.at(dq, (r, c), weight * slope[r, c])
+            np.add.at(dq, (r, c), (COARSER if mip else 1) * weight * slope[r, c])
             expected[mip * len(spec.grids) + g] += dq
             to_taps[g] = to_taps[g] + dtaps
     for found, truth in zip(np.split(to_latents, first_latents(spec)[1:-1]), expected, strict=True):
