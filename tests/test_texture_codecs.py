@@ -197,7 +197,7 @@ def few(monkeypatch, folder, tmp_path):
     save_image(material / "roughness.png", np.full((64, 64, 1), 0.25), color_space="linear")
     monkeypatch.setattr(texture_codecs, "check_installed", lambda: None)
     monkeypatch.setattr(texture_codecs, "all_coded", lambda maps: texture_peers.smaller(maps))
-    monkeypatch.setattr(compression, "effort_of", lambda device, preview, share: Effort(40, 1))
+    monkeypatch.setattr(compression, "effort_of", lambda device, preview, texels: Effort(40, 1))
     monkeypatch.setattr(
         texture_codecs,
         "compress",

@@ -75,7 +75,7 @@ def pictures(side=32):
 
 @pytest.fixture
 def short_runs(monkeypatch):
-    monkeypatch.setattr(compression, "effort_of", lambda device, preview, share: Effort(300, 1))
+    monkeypatch.setattr(compression, "effort_of", lambda device, preview, texels: Effort(300, 1))
 
 
 def test_a_texture_from_arrays(short_runs, tmp_path):

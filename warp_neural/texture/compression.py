@@ -60,7 +60,7 @@ def compress(
     begin = time.perf_counter()
     texture_set = load_set(source)
     job = make_job(texture_set, mips, weights, losses, find_device(device), seed)
-    effort = effort_of(job.device, preview, job.share)
+    effort = effort_of(job.device, preview, job.texels_of_all)
     goal, bits = _goal(job, bpp, psnr, size, quality)
     given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
     kept = Checkpoint(checkpoint, job.configuration | given | {"effort": list(vars(effort).values())})

@@ -46,9 +46,9 @@ class Job:
         return self.levels[0].shape[0] * self.levels[0].shape[1]
 
     @property
-    def share(self) -> float:
-        """Texels of all levels by those of the finest."""
-        return sum(level.shape[0] * level.shape[1] for level in self.levels) / self.texels
+    def texels_of_all(self) -> int:
+        """Levels."""
+        return sum(level.shape[0] * level.shape[1] for level in self.levels)
 
     def spec(self, bits: float) -> TextureSpec:
         return spec_of(*self.levels[0].shape, len(self.levels), bits)

@@ -22,13 +22,14 @@ class Effort:
     tiles: int
 
 
-def effort_of(device: wp.Device, preview: bool, share: float = 1.0) -> Effort:
-    """share: texels of all levels by those of the finest."""
+def effort_of(device: wp.Device, preview: bool, texels: int) -> Effort:
+    """texels: of all levels. Of many each is seen as often as of a megatexel, on the CPU of 512 x 512, up to 16 times
+    as many."""
     if device.is_cuda:
-        effort = Effort(4_000 if preview else 20_000, 64)
+        effort, enough = Effort(4_000 if preview else 20_000, 64), 2**20
     else:
-        effort = Effort(5_000 if preview else 30_000, 4)
-    return replace(effort, steps=round(share * effort.steps))
+        effort, enough = Effort(3_000 if preview else 16_000, 4), 2**18
+    return replace(effort, steps=round(min(max(texels / enough, 1), 16) * effort.steps))
 
 
 def spec_of(height: int, width: int, channels: int, mips: int, bits: float) -> TextureSpec:
