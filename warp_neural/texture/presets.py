@@ -28,7 +28,7 @@ def effort_of(device: wp.Device, preview: bool, texels: int) -> Effort:
     if device.is_cuda:
         effort, enough = Effort(4_000 if preview else 20_000, 64), 2**20
     else:
-        effort, enough = Effort(3_000 if preview else 16_000, 4), 2**18
+        effort, enough = Effort(2_000 if preview else 14_000, 4), 2**18
     return replace(effort, steps=round(min(max(texels / enough, 1), 16) * effort.steps))
 
 
