@@ -1,11 +1,12 @@
 """`warp-neural compress`, `decompress` and `info` of textures: options, files, stopped runs."""
 
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from texture_codec import codec, refused, run
+from texture_codec import Exact, codec, refused, run
 
 from warp_neural import texture
 from warp_neural.cli.commands import main
@@ -52,6 +53,16 @@ def test_options_reach_the_codec(codec, capfd):
         "file": "ao.png",
     }
     assert rows["sky"]["kind"] == "hdr" and rows["albedo"]["constant"] == []
+
+
+def test_a_missed_goal_is_told(codec, capfd, monkeypatch):
+    """On stderr; the file is written, and the metrics say it too."""
+    missed = property(lambda self: {"goal_met": False}, lambda self, value: None)
+    monkeypatch.setattr(Exact, "metrics", missed, raising=False)
+    main(["compress", "rock", "-o", "rock.wntc", "--device", "cpu", "--psnr", "79", "--json"])
+    said = capfd.readouterr()
+    assert json.loads(said.out)["metrics"]["goal_met"] is False and Path("rock.wntc").exists()
+    assert "rock.wntc: the goal was not met" in said.err
 
 
 @pytest.mark.parametrize(
