@@ -60,22 +60,18 @@ def compress(
     begin = time.perf_counter()
     texture_set = load_set(source)
     job = make_job(texture_set, mips, weights, losses, find_device(device), seed)
-    effort = effort_of(job.device, preview, job.texels_of_all)
+    effort = effort_of(job.device, preview, job.all_texels)
     goal, bits = _goal(job, bpp, psnr, size, quality)
     given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
     kept = Checkpoint(checkpoint, job.configuration | given | {"effort": list(vars(effort).values())})
-    if goal is None:
-        weight = QUALITIES[quality or "medium"]
-        trainer = job.trainer(job.spec(bits), precision_for(weight), effort.steps, effort.tiles, weight)
-        with kept.kept(trainer) as watch:
-            trainer.run(quiet=quiet, watch=watch)
-        met = {}
-    else:
-        weight = weight_for(bits)
-        trainer = job.trainer(job.spec(bits), precision_for(weight), effort.steps, effort.tiles, weight)
-        first = [trainer.snapshot()] if kept.tensors else []
-        with kept.kept(trainer) as watch:
+    weight = weight_for(bits) if goal else QUALITIES[quality or "medium"]
+    trainer = job.trainer(job.spec(bits), precision_for(weight), effort.steps, effort.tiles, weight)
+    first, met = [trainer.snapshot()] if kept.tensors else [], {}
+    with kept.kept(trainer) as watch:
+        if goal:
             met = {"goal_met": meet(trainer, goal, first, quiet=quiet, watch=watch)}
+        else:
+            trainer.run(quiet=quiet, watch=watch)
     state = trainer.state(job.maps)
     texture = Texture(state, job.device)
     errors = _errors(texture, job)

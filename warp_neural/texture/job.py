@@ -46,8 +46,8 @@ class Job:
         return self.levels[0].shape[0] * self.levels[0].shape[1]
 
     @property
-    def texels_of_all(self) -> int:
-        """Levels."""
+    def all_texels(self) -> int:
+        """Of all levels."""
         return sum(level.shape[0] * level.shape[1] for level in self.levels)
 
     def spec(self, bits: float) -> TextureSpec:
