@@ -112,6 +112,7 @@ def test_bits(device, parameter):
 
 def test_neural_texture(config, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(compression, "effort_of", lambda *_: Effort(300, 1))
+    monkeypatch.setattr(neural_texture, "STEPS_ON_CPU", 300)
     monkeypatch.setattr(presets, "MANY", (Grid(4, 4),))
     monkeypatch.setattr(step_06_rate, "RATE_WEIGHTS", (1e-4, 3e-3))
     for step in (step_01_latent_texture, step_04_noise):

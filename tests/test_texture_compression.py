@@ -133,6 +133,7 @@ def test_a_stopped_run_goes_on(short_runs, tmp_path, monkeypatch):
         ({"losses": {"ao": "l1"}}, "one of l2, angle, luminance"),
         ({"losses": {"ao": "luminance"}}, "no three channels of colour"),
         ({"mips": 9}, "have 1 to 6"),
+        ({"steps": 10}, "steps=10: expected a whole number >= 100"),
     ],
 )
 def test_bad_goals(options, words):

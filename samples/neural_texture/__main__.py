@@ -48,6 +48,7 @@ from warp_neural.samples.neural_texture.texture import Point
 from warp_neural.texture.maps import TextureSet
 
 QUALITY = "medium"  # of the codec: a rate weight of 3e-4, the middle one of step 6
+STEPS_ON_CPU = 5_000  # of the codec
 STEPS = {
     "step_01": step_01_latent_texture,
     "step_02": step_02_several_grids,
@@ -68,9 +69,10 @@ IDEAS = {
 
 
 def codec(config: Config, target: TextureSet) -> list[Point]:
-    """The product on the same picture; on the CPU its short run."""
+    """The product on the same picture; on the CPU in a shorter run."""
     device = cli.resolve_device(config.device)
-    options = {"preview": not device.is_cuda, "device": device, "seed": config.seed, "quiet": config.json}
+    steps = None if device.is_cuda else STEPS_ON_CPU
+    options = {"steps": steps, "device": device, "seed": config.seed, "quiet": config.json}
     texture = wn.texture.compress(target, quality=QUALITY, **options)
     size = texture.save(config.out / "codec.wntc")
     bits = 8 * size["all"] / np.prod(target.size)

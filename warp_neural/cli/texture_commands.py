@@ -43,6 +43,8 @@ class Compress(Options):
     """at whatever size it takes"""
     preview: bool = False
     """a fast, rougher result"""
+    steps: Annotated[int | None, Between(100, 10_000_000)] = None
+    """of training, in place of those that the device, the size and --preview lead to"""
     maps: str | None = None
     """names of those to take, as in albedo,normal; all by default"""
     weights: str | None = None
@@ -84,7 +86,13 @@ class Compress(Options):
             "seed": self.seed,
         }
         result = texture.compress(
-            texture_set, **goals, preview=self.preview, checkpoint=self._checkpoint(), quiet=self.json, **options
+            texture_set,
+            **goals,
+            preview=self.preview,
+            steps=self.steps,
+            checkpoint=self._checkpoint(),
+            quiet=self.json,
+            **options,
         )
         parts = result.save(self.out)
         if not result.metrics.get("goal_met", True):

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from math import log
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, Literal
 import warp as wp
 
 from warp_neural.errors import InputError, find_device
-from warp_neural.kernels.errors import is_finite, require
+from warp_neural.kernels.errors import is_finite, require, require_whole
 from warp_neural.kernels.texture.losses import Cost
 from warp_neural.texture.checkpoint import Checkpoint
 from warp_neural.texture.job import Job, make_job
@@ -37,6 +38,7 @@ def compress(
     size: int | None = None,
     quality: Literal["low", "medium", "high"] | None = None,
     preview: bool = False,
+    steps: int | None = None,
     mips: int | None = None,
     weights: Mapping[str, float] | None = None,
     losses: Mapping[str, Cost] | None = None,
@@ -50,10 +52,11 @@ def compress(
     source: what `load_set` takes, a folder, files, arrays or a `Material`, or a `TextureSet`. At most one goal: bpp,
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
     together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB; if not, the
-    metrics' "goal_met" is False. preview: fewer steps. mips: levels in the file, those of the source if None. weights:
-    of the errors of maps, by name; 1 if not given. losses: what errors of a map cost, by name; "l2", their squares, if
-    not given; of normals "angle"; of colours "luminance", with less for errors of chroma. checkpoint: a file to save
-    the run to, every 30 seconds and at Ctrl-C; if it is there, to go on from.
+    metrics' "goal_met" is False. preview: fewer steps. steps: of training, in place of those that device, size and
+    preview lead to. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1
+    if not given. losses: what errors of a map cost, by name; "l2", their squares, if not given; of normals "angle"; of
+    colours "luminance", with less for errors of chroma. checkpoint: a file to save the run to, every 30 seconds and at
+    Ctrl-C; if it is there, to go on from.
 
     Raises `InputError` for goals that cannot be met.
     """
@@ -61,6 +64,9 @@ def compress(
     texture_set = load_set(source)
     job = make_job(texture_set, mips, weights, losses, find_device(device), seed)
     effort = effort_of(job.device, preview, job.all_texels)
+    if steps is not None:
+        require_whole("steps", steps, 100)
+        effort = replace(effort, steps=steps)
     goal, bits = _goal(job, bpp, psnr, size, quality)
     given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
     kept = Checkpoint(checkpoint, job.configuration | given | {"effort": list(vars(effort).values())})
