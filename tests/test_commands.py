@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
+from command_line import refused, run
 
 from warp_neural import MLP, InputError, __version__
 from warp_neural.cli.commands import main
@@ -37,23 +38,6 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_state("net.safetensors", data(extra={"by": "us"}))
     return tmp_path
-
-
-def run(capfd, *args):
-    capfd.readouterr()
-    main([*args, "--json"])
-    (line,) = capfd.readouterr().out.splitlines()
-    return json.loads(line, parse_constant=pytest.fail)
-
-
-def refused(capfd, *args):
-    capfd.readouterr()
-    with pytest.raises(SystemExit) as exit_info:
-        main(list(args))
-    assert exit_info.value.code == 2
-    captured = capfd.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1
-    return captured.err
 
 
 def test_conversions_there_and_back_keep_every_value(folder, capfd):

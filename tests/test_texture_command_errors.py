@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from texture_codec import codec, refused, run
+from command_line import refused, run
+from texture_codec import codec
 
 from warp_neural.imaging.image import save_image
 

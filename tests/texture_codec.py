@@ -1,7 +1,6 @@
 """The commands of textures with a codec that stands aside: what is asked of it is kept, and a texture that holds its
 source exactly comes back."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 import warp as wp
 
 from warp_neural import texture
-from warp_neural.cli.commands import main
 from warp_neural.errors import InputError
 from warp_neural.imaging.image import save_image
 from warp_neural.io.files import atomic_path
@@ -76,20 +74,3 @@ def codec(tmp_path, monkeypatch):
     monkeypatch.setattr(texture, "compress", compress, raising=False)
     monkeypatch.setattr(texture, "load", load, raising=False)
     return calls
-
-
-def run(capfd, *args):
-    capfd.readouterr()
-    main([*args, "--json"])
-    (line,) = capfd.readouterr().out.splitlines()
-    return json.loads(line, parse_constant=pytest.fail)
-
-
-def refused(capfd, *args):
-    capfd.readouterr()
-    with pytest.raises(SystemExit) as exit_info:
-        main(list(args))
-    assert exit_info.value.code == 2
-    captured = capfd.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1
-    return captured.err

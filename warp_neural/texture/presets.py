@@ -23,8 +23,7 @@ class Effort:
 
 
 def effort_of(device: wp.Device, preview: bool, texels: int) -> Effort:
-    """texels: of all levels. Of many each is seen as often as of a megatexel, on the CPU of 512 x 512, up to 16 times
-    as many."""
+    """texels: of all levels. From a megatexel on, on the CPU from 512 x 512, steps grow with them, up to 16 times."""
     if device.is_cuda:
         effort, enough = Effort(4_000 if preview else 20_000, 64), 2**20
     else:

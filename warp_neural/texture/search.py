@@ -50,19 +50,24 @@ def meet(trainer: TextureTrainer, goal: Goal, first: Snapshots, tries: int = 6, 
     """Run to the end, and its last part again until the goal is met: whether it is. first: where the run began, if it
     has gone on from a checkpoint."""
     snapshots = first + _steer(trainer, goal, **options)
-    steered, trials, slope, again_from = trainer.rate_weight, [], goal.slope, -1
-    for left in reversed(range(tries)):
-        trainer.run(**options)
-        trials.append(Trial(trainer.rate_weight, goal.measure(trainer)))
-        if goal.met(trials[-1].result) or not left:
-            return goal.met(trials[-1].result)
+    steered, slope, again_from = trainer.rate_weight, goal.slope, -1
+    trials = [_end(trainer, goal, **options)]
+    for _ in range(tries - 1):
+        if goal.met(trials[-1].result):
+            break
         slope = slope_of(trials, slope)
         weight = next_weight(trials, goal, slope)
         if again_from and abs(log(weight / steered)) > SMALL:
             trials, again_from = [], 0  # runs from there follow another curve
         trainer.restore(snapshots[again_from])
         trainer.rate_weight = weight
-    raise ValueError(f"tries={tries}: at least 1")
+        trials.append(_end(trainer, goal, **options))
+    return goal.met(trials[-1].result)
+
+
+def _end(trainer: TextureTrainer, goal: Goal, **options) -> Trial:
+    trainer.run(**options)
+    return Trial(trainer.rate_weight, goal.measure(trainer))
 
 
 def _steer(trainer: TextureTrainer, goal: Goal, **options) -> Snapshots:

@@ -27,7 +27,7 @@ from warp_neural.train.progress import HISTORY, make_progress, make_update
 from warp_neural.train.steps import FusedCuda
 
 CHECK = 32  # steps that are one launch of a CUDA graph
-SMALL = 0.1  # latents at the start: at 1, runs of 50 passes over a texture end with 1.5 times the bits
+INITIAL = 0.1  # deviation of latents at the start: at 1, runs of 50 passes over a texture end with 1.5 times the bits
 WINDOW = 128  # steps whose mean loss and bits are told
 
 
@@ -81,7 +81,7 @@ class TextureTrainer:
         data.levels = make_levels(spec, device)
         data.tiles = wp.array(tile_order(spec, self.steps * self.tiles, random), dtype=wp.vec3i, device=device)
         data.targets = self._array(np.concatenate([level.reshape(-1, level.shape[-1]) for level in levels]))
-        data.latents = self._array(SMALL * random.standard_normal(n, np.float32))
+        data.latents = self._array(INITIAL * random.standard_normal(n, np.float32))
         for name in ("gradient", "first", "second"):
             setattr(data, name, wp.zeros(n, dtype=float, device=device))
         for name in ("kernels", "kernels_gradient"):
