@@ -9,7 +9,8 @@ from PIL import Image
 from skimage import data
 
 from warp_neural.errors import InputError
-from warp_neural.imaging.dds import encode_blocks, save_dds
+from warp_neural.imaging.block_encoders import encode_blocks
+from warp_neural.imaging.dds import save_dds
 
 BYTES = {"bc1": 8, "bc3": 16, "bc4": 8, "bc5": 16, "bc7": 16}
 PICTURE = data.astronaut()[96:196, 150:251].astype(np.float32) / 255  # [100, 101, 3], a face

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_neural.imaging.dds import Format, save_dds
+from warp_neural.imaging.block_texture import Format
+from warp_neural.imaging.dds import save_dds
 from warp_neural.imaging.image import save_image, srgb_to_linear
 from warp_neural.texture.state import Map
 
