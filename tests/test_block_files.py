@@ -135,9 +135,7 @@ HOSTILE = [
 """the file, where in it, of what type, and the number that is put there"""
 
 
-@pytest.mark.parametrize(
-    ("kind", "at", "type", "value"), [(kind, *row) for kind, rows in HOSTILE.items() for row in rows]
-)
+@pytest.mark.parametrize(("kind", "at", "type", "value"), HOSTILE)
 def test_hostile_numbers_are_refused(kind, at, type, value, tmp_path):
     SAVE[kind][1](tmp_path / "a", random_texture("bc5"))
     file = bytearray((tmp_path / "a").read_bytes())

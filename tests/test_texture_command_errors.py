@@ -54,8 +54,10 @@ BAD_DECOMPRESS = [
     ("rock.wntc --rectangle 0,0,0,1", "does not lie in"),
     ("rock.wntc --maps colour", "--maps colour: rock.wntc holds albedo, normal, ao, sky"),
     ("rock.wntc --maps ,", "--maps: give some of albedo"),
-    ("rock.wntc --dds --exr", "--dds or --exr"),
+    ("rock.wntc --dds --exr", "--exr: give one"),
+    ("rock.wntc --dds --ktx2", "--exr: give one"),
     ("rock.wntc --bc1", "--bc1 only with --dds"),
+    ("rock.wntc --dds --best", "--best with --bc1"),
 ]
 
 

@@ -12,6 +12,7 @@ from texture_codec import Exact, codec
 from warp_neural import texture
 from warp_neural.cli.commands import main
 from warp_neural.cli.quantities import bytes_of
+from warp_neural.imaging.block_files import load_blocks
 from warp_neural.imaging.image import load_stored
 from warp_neural.io.files import atomic_path
 from warp_neural.texture.file import TextureFile
@@ -107,6 +108,9 @@ def test_levels_rectangles_and_formats(codec, capfd):
     said = run(capfd, "decompress", "rock.wntc", "-o", "dds", "--dds", "--bc1", "--maps", "normal,albedo")
     assert said["written"] == ["dds/albedo.dds", "dds/normal.dds"]
     assert len(Path("dds/albedo.dds").read_bytes()) == 148 + 8 * (2 * 3 + 1 + 1)
+    said = run(capfd, "decompress", "rock.wntc", "-o", "ktx", "--ktx2", "--bc1", "--maps", "albedo")
+    assert said["written"] == ["ktx/albedo.ktx2"]
+    assert load_blocks("ktx/albedo.ktx2") == load_blocks("dds/albedo.dds")
     run(capfd, "decompress", "rock.wntc", "-o", "dds", "--dds", "--mip", "2", "--maps", "albedo")
     assert len(Path("dds/albedo.dds").read_bytes()) == 148 + 16
 

@@ -8,7 +8,7 @@ from texture_pictures import back, codes, folder, kinds, put
 from warp_neural.imaging.image import linear_to_srgb, load_stored
 from warp_neural.texture.kinds import to_maps
 from warp_neural.texture.maps import load_set, mip_chain
-from warp_neural.texture.save import dds_format, save_dds_maps, save_maps
+from warp_neural.texture.save import dds_format, encode_maps, save_blocks, save_maps
 
 __all__ = ["folder"]  # a fixture
 
@@ -63,7 +63,7 @@ def test_dds_formats_follow_from_the_kind(tmp_path):
         "sky": ("half", "half"),
     }
     numbers = {"albedo": 72, "normal": 83, "rough": 80, "color": 72, "decal": 77, "over": 77, "sky": 54}
-    for path in save_dds_maps(tmp_path, levels, texture_set.maps, bc1=True):
+    for path in save_blocks(tmp_path, encode_maps(levels, texture_set.maps, bc1=True)):
         file = path.read_bytes()
         assert struct.unpack_from("<I", file, 28) == (4,)  # levels
         assert struct.unpack_from("<I", file, 128) == (numbers.pop(path.stem),)

@@ -58,6 +58,15 @@ def wrapped(i: int, n: int) -> int:
 
 
 @wp.func
+def place_of(levels: Levels, i: int, j: int, mip: int) -> wp.vec3i:
+    """The nearest level that there is, and row and column in it, which wrap, of any numbers."""
+    level = wp.clamp(mip, 0, levels.sizes.shape[0] - 1)
+    size = levels.sizes[level]
+    row, column = i % size[0], j % size[1]
+    return wp.vec3i(level, wp.where(row < 0, row + size[0], row), wp.where(column < 0, column + size[1], column))
+
+
+@wp.func
 def cell_of(levels: Levels, tile: wp.vec3i, grid: int, scale: int, row: int, column: int) -> int:
     """The number, in its grid, of a cell of a tile."""
     i = wrapped(tile[1] / scale + row, levels.rows[tile[0], grid])

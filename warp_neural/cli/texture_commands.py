@@ -16,7 +16,7 @@ from warp_neural.errors import InputError
 from warp_neural.io.files import check_target
 from warp_neural.texture.file import MAGIC, TextureFile
 from warp_neural.texture.maps import TextureSet, load_set
-from warp_neural.texture.save import save_dds_maps, save_maps
+from warp_neural.texture.save import encode_maps, save_blocks, save_maps
 from warp_neural.texture.state import Map, TextureState
 
 Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
@@ -129,7 +129,7 @@ class Compress(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class Decompress(Options):
-    """Write a neural texture's maps as pictures: PNG, EXR where values go beyond 0 to 1, or DDS."""
+    """Write a neural texture's maps as pictures: PNG, EXR where values go beyond 0 to 1, DDS or KTX 2.0."""
 
     file: tyro.conf.Positional[Path]
     """.wntc"""
@@ -141,8 +141,12 @@ class Decompress(Options):
     """names of those to write, as in albedo,normal; all by default"""
     dds: bool = False
     """DDS, with the level and all smaller ones in it: BC7 colours, BC5 normals, BC4 for one channel, halves for HDR"""
+    ktx2: bool = False
+    """KTX 2.0, with the same in it"""
     bc1: bool = False
-    """with --dds, colours in BC1, and BC3 with alpha"""
+    """with --dds or --ktx2, colours in BC1, and BC3 with alpha"""
+    best: bool = False
+    """with --bc1, the best that there is, by quicktex"""
     exr: bool = False
     """EXR for all maps, colours as linear light"""
     rectangle: str | None = None
@@ -155,8 +159,9 @@ class Decompress(Options):
     def main(self) -> dict:
         from warp_neural import texture
 
-        if (self.dds and self.exr) or (self.bc1 and not self.dds):
-            raise InputError("--dds, --exr, --bc1: give --dds or --exr, and --bc1 only with --dds")
+        blocks = self.dds or self.ktx2
+        if self.dds + self.ktx2 + self.exr > 1 or (self.bc1 and not blocks) or (self.best and not self.bc1):
+            raise InputError("--dds, --ktx2, --exr: give one; --bc1 only with --dds or --ktx2, and --best with --bc1")
         loaded = texture.load(self.file, resolve_device(self.device))
         spec, maps = loaded.state.spec, self._chosen(loaded.state.maps)
         mip = level_of("--mip", self.mip, spec.mips)
@@ -164,11 +169,12 @@ class Decompress(Options):
             raise InputError("--rectangle: lies in one mip level; leave --mip all out")
         first = 0 if mip == "all" else mip
         rectangle = rectangle_of("--rectangle", self.rectangle, spec.size(first))
-        several = mip == "all" or (self.dds and rectangle is None)
+        several = mip == "all" or (blocks and rectangle is None)
         levels = range(first, spec.mips if several else first + 1)
         decoded = [loaded.decode(mip=level, rectangle=rectangle) for level in levels]
-        if self.dds:
-            paths = save_dds_maps(self.out, decoded, maps, bc1=self.bc1)
+        if blocks:
+            encoded = encode_maps(decoded, maps, bc1=self.bc1, quality="best" if self.best else "fast")
+            paths = save_blocks(self.out, encoded, "ktx2" if self.ktx2 else "dds")
         else:
             folders = [self.out / f"level_{level}" if mip == "all" else self.out for level in levels]
             pairs = zip(folders, decoded, strict=True)

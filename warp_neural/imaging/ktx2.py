@@ -2,7 +2,7 @@
 
 Khronos, "KTX File Format Specification", version 2.0, and, for the descriptor, "Khronos Data Format Specification",
 version 1.3. Header, index of the levels, descriptor, keys and values, then the levels, the smallest first. Without
-supercompression.
+supercompression. They do not say whether alpha means something: read, it does, where the format has it.
 """
 
 import struct

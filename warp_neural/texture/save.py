@@ -2,13 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from warp_neural.imaging.block_texture import Format
-from warp_neural.imaging.dds import save_dds
+from warp_neural.imaging.block_encoders import Quality
+from warp_neural.imaging.block_texture import BlockTexture, Format, encode_levels
+from warp_neural.imaging.dds import write_dds
 from warp_neural.imaging.image import save_image, srgb_to_linear
+from warp_neural.imaging.ktx2 import write_ktx2
 from warp_neural.texture.state import Map
+
+File = Literal["dds", "ktx2"]
 
 
 def save_maps(
@@ -22,21 +27,29 @@ def save_maps(
     return [_save(Path(folder), arrays[each.name], each, exr) for each in maps if each.name in arrays]
 
 
-def save_dds_maps(
-    folder: Path | str, levels: Sequence[Mapping[str, np.ndarray]], maps: Sequence[Map], bc1: bool = False
-) -> list[Path]:
-    """Write NAME.dds of each of the maps in `levels`, the finest first, with all of them; returns the paths.
+def encode_maps(
+    levels: Sequence[Mapping[str, np.ndarray]], maps: Sequence[Map], bc1: bool = False, quality: Quality = "fast"
+) -> dict[str, BlockTexture]:
+    """Those of `maps` that `levels`, the finest first, hold as stored, in the formats that GPUs read.
 
     Colours are BC7, or, with `bc1`, BC1 and BC3 where there is alpha; normals BC5 of x and y, from which z follows;
-    one channel BC4; hdr and other values beyond [0, 1] halves.
+    one channel BC4; hdr and other values beyond [0, 1] halves. quality: see `encode_blocks`.
     """
-    paths = []
+    encoded = {}
     for each in maps:
         if each.name in levels[0]:
             format = dds_format(each, bc1)
-            paths.append(Path(folder) / f"{each.name}.dds")
-            pictures = [_for_dds(level[each.name], format) for level in levels]
-            save_dds(paths[-1], pictures, format, srgb=each.kind == "srgb")
+            pictures = [_for_blocks(level[each.name], format) for level in levels]
+            encoded[each.name] = encode_levels(pictures, format, each.kind == "srgb", quality, name=each.name)
+    return encoded
+
+
+def save_blocks(folder: Path | str, encoded: Mapping[str, BlockTexture], file: File = "dds") -> list[Path]:
+    """Write NAME.dds or NAME.ktx2 of each; returns the paths."""
+    write = {"dds": write_dds, "ktx2": write_ktx2}[file]
+    paths = [Path(folder) / f"{name}.{file}" for name in encoded]
+    for path, texture in zip(paths, encoded.values(), strict=True):
+        write(path, texture)
     return paths
 
 
@@ -67,7 +80,7 @@ def _save(folder: Path, values: np.ndarray, each: Map, exr: bool) -> Path:
     return path
 
 
-def _for_dds(values: np.ndarray, format: Format) -> np.ndarray:
+def _for_blocks(values: np.ndarray, format: Format) -> np.ndarray:
     channels = values.shape[-1]
     if format == "bc5":
         return values[..., :2]

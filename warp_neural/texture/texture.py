@@ -70,11 +70,15 @@ class Texture:
             start += len(each.trained)
         return places
 
+    @property
+    def ranges(self) -> tuple[tuple[float, float, bool], ...]:
+        """Of each channel: the numbers stored that the network has as 0 and 1, and whether these are logarithms."""
+        return tuple((each.low[c], each.high[c], each.kind == "hdr") for each in self.state.maps for c in each.trained)
+
     @cached_property
     def texel(self) -> wp.Function:
         """`(params, i: int, j: int, mip: int) -> vec`: row i and column j, which wrap, of a level."""
-        ranges = [(each.low[c], each.high[c], each.kind == "hdr") for each in self.state.maps for c in each.trained]
-        return make_stored(self.decoder.texel, self.state.spec.channels, tuple(ranges), self.Params)
+        return make_stored(self.decoder.texel, self.state.spec.channels, self.ranges, self.Params)
 
     @cached_property
     def sample(self) -> wp.Function:
