@@ -3,5 +3,6 @@
 from warp_neural.texture.compression import compress
 from warp_neural.texture.loaded import BlockMaps, CodedMaps
 from warp_neural.texture.texture import Texture, load
+from warp_neural.texture.virtual import VirtualTexture
 
-__all__ = ["BlockMaps", "CodedMaps", "Texture", "compress", "load"]
+__all__ = ["BlockMaps", "CodedMaps", "Texture", "VirtualTexture", "compress", "load"]

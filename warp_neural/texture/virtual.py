@@ -1,0 +1,110 @@
+"""A neural texture decoded on feedback: only those tiles that the last picture wanted, in a cache of bounded size."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from warp_neural.errors import InputError
+from warp_neural.kernels.errors import require, require_whole
+from warp_neural.kernels.texture.codes import Codes
+from warp_neural.kernels.texture.pages import PageParams, make_page_sample, make_tiles_kernel
+from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.texture.decoder import BLOCK
+from warp_neural.texture.levels import make_levels
+from warp_neural.texture.texture import Texture
+from warp_neural.texture.tile_cache import Changes, TileCache
+
+_TABLES = 8  # bytes a page: its slot, and whether it is wanted
+
+
+@dataclass(frozen=True)
+class Update:
+    """Pages that the samples since the last update wanted, coarser ones that stood in for these included; those of them
+    that were not there (misses); decoded now; that left for these (evictions). Misses that were not decoded are wanted
+    again by the next picture."""
+
+    wanted: int
+    misses: int
+    decodes: int
+    evictions: int
+
+
+class VirtualTexture:
+    """In kernels that take `params: virtual.Params`, launched with `virtual.params`, any thread calls
+    `virtual.sample(params, uv, lod)`; after each picture `virtual.update()` decodes what it wanted and lacked.
+
+    Where a tile is not there yet, samples read the finest coarser level that is; levels of one tile, or else the
+    coarsest one, are always there. Once all that a picture wants fits and is there, samples are those of `CodedMaps`.
+
+    budget: bytes of tiles and tables; the texture itself comes on top. tile: texels a side, 8 to 256. bits: of a
+    channel, 8 or 16. Raises `InputError` if the budget has no place for the tiles that are always there and one more.
+    """
+
+    Params = PageParams
+
+    def __init__(self, texture: Texture, budget: int, tile: int = 64, bits: int = 8):
+        require(bits in (8, 16), "bits", bits, "8 or 16")
+        require_whole("tile", tile, 8, 256)
+        self.texture, self.tile, self.codes = texture, tile, Codes(texture.state.spec.channels, bits)
+        spec, device = texture.state.spec, texture.device
+        counts = page_counts(spec, tile)  # [mips, 2]
+        sizes = counts.prod(axis=1)
+        self.first = np.cumsum([*sizes[::-1]])[::-1] - sizes  # the coarsest level first
+        pages, kept = int(sizes.sum()), int(sizes[sizes == 1].sum() or sizes[-1])
+        slots = min((budget - _TABLES * pages) // self.tile_bytes, pages)
+        if slots < min(kept + 1, pages):
+            least = min(kept + 1, pages) * self.tile_bytes + _TABLES * pages
+            raise InputError(f"budget={budget}: {kept} tiles that stay and one more take {least} bytes; give that many")
+        self.cache = TileCache(pages, slots, kept)
+        params = self.params = PageParams()
+        params.levels = make_levels(spec, device)
+        params.first = wp.array(self.first, dtype=int, device=device)
+        params.columns = wp.array(counts[:, 1], dtype=int, device=device)
+        params.slots = wp.full(pages, -1, dtype=int, device=device)
+        params.wanted = wp.zeros(pages, dtype=int, device=device)
+        params.words = wp.zeros((slots * (tile + 1) ** 2, self.codes.words), dtype=wp.uint32, device=device)
+        self._decode(Changes(np.arange(kept), np.arange(kept), np.full(kept, -1), 0))
+
+    @property
+    def tile_bytes(self) -> int:
+        return (self.tile + 1) ** 2 * self.codes.words * 4
+
+    @property
+    def bytes(self) -> int:
+        """Of tiles and tables, at most the budget."""
+        return len(self.cache.page_of) * self.tile_bytes + len(self.cache.slot_of) * _TABLES
+
+    @cached_property
+    def sample(self) -> wp.Function:
+        return make_page_sample(self.texture.state.spec, self.codes, self.texture.ranges, self.tile)
+
+    def update(self, decodes: int | None = None) -> Update:
+        """Decode what was wanted since the last update and is not there, coarse levels first, `decodes` tiles at most.
+        Waits for the device."""
+        wanted = np.flatnonzero(self.params.wanted.numpy())
+        self.params.wanted.zero_()
+        changes = self.cache.want(wanted, decodes)
+        self._decode(changes)
+        return Update(len(wanted), changes.misses, len(changes.pages), int((changes.left >= 0).sum()))
+
+    def _decode(self, changes: Changes) -> None:
+        texture, side = self.texture, self.tile + 1
+        if len(changes.pages):
+            mips = mip_of(self.first, changes.pages)
+            jobs = np.stack([changes.pages, changes.slots, changes.left, mips], axis=1)
+            inputs = [texture.params, wp.array(jobs, dtype=int, device=texture.device), self.params]
+            kernel = make_tiles_kernel(self.codes, self.tile, texture.decoder.texel, texture.Params)
+            dim = len(jobs), side, side
+            wp.launch(kernel, dim, inputs, device=texture.device, block_dim=BLOCK, record_tape=False)
+
+
+def page_counts(spec: TextureSpec, tile: int) -> np.ndarray:
+    """Rows and columns of pages of each level. [mips, 2]"""
+    return np.array([[-(-side // tile) for side in spec.size(mip)] for mip in range(spec.mips)])
+
+
+def mip_of(first: np.ndarray, pages: np.ndarray) -> np.ndarray:
+    """The level of each page. first: of each level its first page, those of coarser levels before those of finer."""
+    return len(first) - np.searchsorted(first[::-1], pages, side="right")
