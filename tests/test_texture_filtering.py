@@ -184,8 +184,8 @@ def test_exact_filtering_and_its_gradients(texture):
         wp.launch(kernel, count, [texture.params, *inputs], [y], device=device)
     tape.backward(grads={y: wp.array(adjoint, dtype=vec, device=device)})
 
-    def truth(du, dv, dl):
-        at = zip(np.float64(uv) + (du, dv), np.float64(lod) + dl, strict=True)
+    def truth(*step):
+        at = zip(np.float64(uv) + step[:2], np.float64(lod) + step[2], strict=True)
         return np.array([reference_filtering.filtered(levels_of(texture), "bilinear", *each) for each in at])
 
     np.testing.assert_allclose(y.numpy(), truth(0, 0, 0), atol=1e-5)

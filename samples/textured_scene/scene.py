@@ -80,6 +80,13 @@ def sphere_distance(origin: wp.vec3, direction: wp.vec3) -> float:
 
 
 @wp.func
+def normal_at(position: wp.vec3) -> wp.vec3:
+    """Of the surface that a place is on."""
+    from_centre = position - CENTRE
+    return wp.where(wp.length(from_centre) < 1.001, from_centre, wp.vec3(0.0, 1.0, 0.0))
+
+
+@wp.func
 def intersect(origin: wp.vec3, direction: wp.vec3) -> Hit:
     hit = Hit()
     hit.distance = sphere_distance(origin, direction)
