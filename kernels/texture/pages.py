@@ -13,7 +13,6 @@ import warp as wp
 
 from warp_neural.kernels.texture.codes import Codes, make_pack, make_unpack
 from warp_neural.kernels.texture.levels import Levels, place_of
-from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.kernels.texture.texel import make_stored
 
 
@@ -48,22 +47,35 @@ def want(wanted: wp.array[int], page: int):
 
 
 @cache
+def make_locate(tile: int) -> wp.Function:
+    """`(params, row, column, mip, asked: bool) -> int`: the row of `words` that has a texel, below 0 if its page is in
+    no slot. asked: for this level, and not in place of a finer one."""
+
+    @wp.func
+    def locate(params: PageParams, row: int, column: int, mip: int, asked: bool) -> int:
+        page = params.first[mip] + row / tile * params.columns[mip] + column / tile
+        slot = params.slots[page]
+        if asked or slot >= 0:
+            want(params.wanted, page)
+        return (slot * (tile + 1) + row % tile) * (tile + 1) + column % tile
+
+    return locate
+
+
+@cache
 def make_find(tile: int) -> wp.Function:
     """`(params, uv, mip) -> Place`: in that level, or, if the page is in no slot, in the finest coarser one that is."""
+    locate = make_locate(tile)
 
     @wp.func
     def find(params: PageParams, uv: wp.vec2, mip: int) -> Place:
-        place = Place()
-        m, slot = int(mip), int(-1)
-        while slot < 0 and m < params.levels.sizes.shape[0]:
+        place, m = Place(), int(mip)
+        place.at = -1
+        while place.at < 0 and m < params.levels.sizes.shape[0]:
             size = params.levels.sizes[m]
             x, y = uv[0] * float(size[1]) - 0.5, uv[1] * float(size[0]) - 0.5
             texel = place_of(params.levels, int(wp.floor(y)), int(wp.floor(x)), m)
-            page = params.first[m] + texel[1] / tile * params.columns[m] + texel[2] / tile
-            slot = params.slots[page]
-            if m == mip or slot >= 0:
-                want(params.wanted, page)
-            place.at = (slot * (tile + 1) + texel[1] % tile) * (tile + 1) + texel[2] % tile
+            place.at = locate(params, texel[1], texel[2], m, m == mip)
             place.mip = m
             place.x = x - wp.floor(x)
             place.y = y - wp.floor(y)
@@ -74,12 +86,10 @@ def make_find(tile: int) -> wp.Function:
 
 
 @cache
-def make_page_sample(
-    spec: TextureSpec, codes: Codes, ranges: tuple[tuple[float, float, bool], ...], tile: int
-) -> wp.Function:
+def make_page_sample(codes: Codes, ranges: tuple[tuple[float, float, bool], ...], tile: int) -> wp.Function:
     """`(params: PageParams, uv, lod) -> vec`: trilinear, as a neural texture's `sample`, from pages in memory. Without
     gradients."""
-    vec, last, unpack, find = codes.vec, spec.mips - 1, make_unpack(codes), make_find(tile)
+    vec, unpack, find = codes.vec, make_unpack(codes), make_find(tile)
 
     @wp.func
     def result(params: PageParams, at: int, j: int, mip: int) -> vec:
@@ -89,20 +99,41 @@ def make_page_sample(
 
     @wp.func
     def sample(params: PageParams, uv: wp.vec2, lod: float) -> vec:
+        last = params.levels.sizes.shape[0] - 1
         level = wp.clamp(lod, 0.0, float(last))
-        between = level - wp.floor(level)
         total = vec()
         for k in range(2):
+            between = level - wp.floor(level)
             share = wp.where(k == 0, 1.0 - between, between)
             if share > 0.0:
                 place = find(params, uv, wp.min(int(level) + k, last))
                 for n in range(4):
                     weight = wp.where(n % 2 == 0, 1.0 - place.x, place.x) * wp.where(n / 2 == 0, 1.0 - place.y, place.y)
+                    weight *= share
                     if weight > 0.0:
-                        total += share * weight * stored(params, place.at + n / 2 * (tile + 1) + n % 2, 0, 0)
+                        total += weight * stored(params, place.at + n / 2 * (tile + 1) + n % 2, 0, 0)
         return total
 
     return sample
+
+
+@cache
+def make_page_texel(codes: Codes, ranges: tuple[tuple[float, float, bool], ...], tile: int) -> wp.Function:
+    """`(params: PageParams, i, j, mip) -> vec`: as a neural texture's `texel`, from pages in memory."""
+    vec, unpack, locate = codes.vec, make_unpack(codes), make_locate(tile)
+
+    @wp.func
+    def result(params: PageParams, i: int, j: int, mip: int) -> vec:
+        place = place_of(params.levels, i, j, mip)
+        size, m, at = params.levels.sizes[place[0]], int(place[0]), int(-1)
+        while at < 0 and m < params.levels.sizes.shape[0]:
+            coarser = params.levels.sizes[m]
+            row, column = place[1] * coarser[0] / size[0], place[2] * coarser[1] / size[1]
+            at = locate(params, row, column, m, m == place[0])
+            m += 1
+        return unpack(params.words, at)
+
+    return make_stored(result, codes.channels, ranges, PageParams)
 
 
 @cache

@@ -134,29 +134,3 @@ def make_stored(
         return y
 
     return stored
-
-
-@cache
-def make_sample(texel: wp.Function, spec: TextureSpec, params_type: Any) -> wp.Function:
-    """`(params, uv, lod) -> vec`: trilinear."""
-    vec, last = wp.types.vector(spec.channels, float), float(spec.mips - 1)
-
-    @wp.func
-    def sample(params: params_type, uv: wp.vec2, lod: float) -> vec:
-        level = wp.clamp(lod, 0.0, last)
-        total = vec()
-        k = int(0)
-        while k < 8:  # not unrolled: one copy of the network
-            mip = wp.min(int(level) + k / 4, int(last))
-            between = level - wp.floor(level)
-            size = params.levels.sizes[mip]
-            x, y = uv[0] * float(size[1]) - 0.5, uv[1] * float(size[0]) - 0.5
-            fx, fy = x - wp.floor(x), y - wp.floor(y)
-            weight = wp.where(k < 4, 1.0 - between, between)
-            weight *= wp.where(k % 2 == 0, 1.0 - fx, fx) * wp.where(k / 2 % 2 == 0, 1.0 - fy, fy)
-            if weight > 0.0:
-                total += weight * texel(params, int(wp.floor(y)) + k / 2 % 2, int(wp.floor(x)) + k % 2, mip)
-            k += 1
-        return total
-
-    return sample

@@ -10,9 +10,11 @@ import warp as wp
 from warp_neural.imaging.block_encoders import Quality
 from warp_neural.imaging.block_texture import BlockTexture
 from warp_neural.kernels.errors import require
+from warp_neural.kernels.texture import filters
 from warp_neural.kernels.texture.block_maps import BlockMap, BlockParams, make_block_texel
 from warp_neural.kernels.texture.codes import Codes, CodesParams, make_codes_texel, make_fill_kernel
-from warp_neural.kernels.texture.texel import make_sample, make_stored
+from warp_neural.kernels.texture.filtering import make_sample, make_sampler
+from warp_neural.kernels.texture.texel import make_stored
 from warp_neural.texture.decoder import BLOCK
 from warp_neural.texture.levels import make_levels
 from warp_neural.texture.save import File, encode_maps, save_blocks
@@ -20,9 +22,21 @@ from warp_neural.texture.state import Map
 from warp_neural.texture.texture import Texture
 
 
-class CodedMaps:
-    """In 8 or 16 bits a channel. In kernels that take `params: maps.Params`, any thread calls `maps.texel(params, i, j,
-    mip)` or `maps.sample(params, uv, lod)`, which give what the texture's own do, but for the rounding."""
+class _Maps:
+    """In kernels that take `params: maps.Params`, launched with `maps.params`, any thread calls `maps.texel`,
+    `maps.sample` or what `maps.make_sampler` makes, in place of the texture's own, with the same results but for
+    rounding."""
+
+    @cached_property
+    def sample(self) -> wp.Function:
+        return make_sample(self.texel, self.texture.state.spec, self.Params)
+
+    def make_sampler(self, filter: wp.Function = filters.bilinear) -> wp.Function:
+        return make_sampler(self.texel, filter, self.texture.state.spec, self.Params)
+
+
+class CodedMaps(_Maps):
+    """In 8 or 16 bits a channel."""
 
     Params = CodesParams
 
@@ -48,14 +62,10 @@ class CodedMaps:
     def texel(self) -> wp.Function:
         return make_stored(make_codes_texel(self.codes), self.codes.channels, self.texture.ranges, self.Params)
 
-    @cached_property
-    def sample(self) -> wp.Function:
-        return make_sample(self.texel, self.texture.state.spec, self.Params)
 
-
-class BlockMaps:
-    """Each map in the block format that `dds_format` chooses; in kernels as `CodedMaps`. The third number of a normal
-    is what makes it a unit vector.
+class BlockMaps(_Maps):
+    """Each map in the block format that `dds_format` chooses. The third number of a normal is what makes it a unit
+    vector.
 
     encoded: the maps by name, for files or for graphics interfaces.
     """
@@ -81,10 +91,6 @@ class BlockMaps:
     def texel(self) -> wp.Function:
         pairs = zip(self.texture.state.maps, self.encoded.values(), strict=True)
         return make_block_texel(tuple(BlockMap(encoded.format, _components(each)) for each, encoded in pairs))
-
-    @cached_property
-    def sample(self) -> wp.Function:
-        return make_sample(self.texel, self.texture.state.spec, self.Params)
 
 
 def _components(each: Map) -> tuple[int, ...]:

@@ -10,7 +10,9 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import find_device
-from warp_neural.kernels.texture.texel import make_sample, make_stored
+from warp_neural.kernels.texture import filters
+from warp_neural.kernels.texture.filtering import make_sample, make_sampler
+from warp_neural.kernels.texture.texel import make_stored
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import load_state, save_state
 from warp_neural.texture.kinds import to_maps
@@ -19,7 +21,8 @@ from warp_neural.texture.state import TextureState
 
 class Texture:
     """state: all that it is, on the host. In kernels that take `params: texture.Params`, launched with
-    `texture.params`, any thread calls `texture.texel(params, i, j, mip)` or `texture.sample(params, uv, lod)`.
+    `texture.params`, any thread calls `texture.texel(params, i, j, mip)`, `texture.sample(params, uv, lod)` or a
+    function that `texture.make_sampler` has made.
 
     `texture.channels` says where in their result each map's channels are: as stored (`Map`), without those that are
     constant.
@@ -84,9 +87,21 @@ class Texture:
     def sample(self) -> wp.Function:
         """`(params, uv: vec2, lod: float) -> vec`: bilinear in the two levels beside `lod`, blended; eight texels.
 
-        uv: (0, 0) is the upper left corner of the texture, (1, 1) the lower right one; wraps.
+        uv: (0, 0) is the upper left corner of the texture, (1, 1) the lower right one; wraps. Its gradients, by
+        `wp.Tape`, go to uv and lod.
         """
         return make_sample(self.texel, self.state.spec, self.Params)
+
+    def make_sampler(self, filter: wp.Function = filters.bilinear) -> wp.Function:
+        """`(params, uv: vec2, footprint: mat22, random: vec4) -> vec`: one texel, drawn so that the mean of many draws
+        is the filtered value (stochastic texture filtering); about an eighth of `sample`'s work.
+
+        filter: of `wn.texture.filters`: nearest, bilinear, bicubic, gaussian(sigma), or a function of that kind.
+        footprint: columns duv/dx and duv/dy of the pixel; it chooses the level, between two at random, and spreads
+        draws along its major axis. All zeros is level 0; 2^lod / width and 2^lod / height on the diagonal is a level of
+        detail. random: four numbers in [0, 1), as `wn.random.uniform` draws them, or of blue noise.
+        """
+        return make_sampler(self.texel, filter, self.state.spec, self.Params)
 
 
 def load(path: Path | str, device: wp.DeviceLike = None) -> Texture:

@@ -8,8 +8,10 @@ import warp as wp
 
 from warp_neural.errors import InputError
 from warp_neural.kernels.errors import require, require_whole
+from warp_neural.kernels.texture import filters
 from warp_neural.kernels.texture.codes import Codes
-from warp_neural.kernels.texture.pages import PageParams, make_page_sample, make_tiles_kernel
+from warp_neural.kernels.texture.filtering import make_sampler
+from warp_neural.kernels.texture.pages import PageParams, make_page_sample, make_page_texel, make_tiles_kernel
 from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.texture.decoder import BLOCK
 from warp_neural.texture.levels import make_levels
@@ -33,7 +35,8 @@ class Update:
 
 class VirtualTexture:
     """In kernels that take `params: virtual.Params`, launched with `virtual.params`, any thread calls
-    `virtual.sample(params, uv, lod)`; after each picture `virtual.update()` decodes what it wanted and lacked.
+    `virtual.sample`, `virtual.texel` or what `virtual.make_sampler` makes, in place of the texture's own; after each
+    picture `virtual.update()` decodes what it wanted and lacked.
 
     Where a tile is not there yet, samples read the finest coarser level that is; levels of one tile, or else the
     coarsest one, are always there. Once all that a picture wants fits and is there, samples are those of `CodedMaps`.
@@ -78,7 +81,14 @@ class VirtualTexture:
 
     @cached_property
     def sample(self) -> wp.Function:
-        return make_page_sample(self.texture.state.spec, self.codes, self.texture.ranges, self.tile)
+        return make_page_sample(self.codes, self.texture.ranges, self.tile)
+
+    @cached_property
+    def texel(self) -> wp.Function:
+        return make_page_texel(self.codes, self.texture.ranges, self.tile)
+
+    def make_sampler(self, filter: wp.Function = filters.bilinear) -> wp.Function:
+        return make_sampler(self.texel, filter, self.texture.state.spec, self.Params)
 
     def update(self, decodes: int | None = None) -> Update:
         """Decode what was wanted since the last update and is not there, coarse levels first, `decodes` tiles at most.

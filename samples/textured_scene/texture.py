@@ -1,0 +1,54 @@
+"""What the steps share and do not teach: options, and the neural texture, from a file or trained on the spot."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import warp as wp
+
+import warp_neural as wn
+from warp_neural import cli
+from warp_neural.cli import CommonConfig, Count, Side
+from warp_neural.errors import InputError
+from warp_neural.samples.textured_scene.fetch import CHANNELS, MAPS
+from warp_neural.samples.textured_scene.material import tiled_material
+from warp_neural.texture.maps import load_set
+from warp_neural.texture.texture import Texture
+
+TEXELS = 256  # a side of the material on the CPU; twice as many on CUDA
+STEPS_ON_CPU = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(CommonConfig):
+    """The options of every step."""
+
+    out: Path = Path("out/textured_scene")
+    """folder for pictures and files"""
+    texture: Path | None = None
+    """a .wntc file of albedo, normal and roughness with all their channels; none: tiles, trained first"""
+    steps: Count | None = None
+    """gradient steps of that training, 100 or more; none: 1000 on the CPU, those of a preview on CUDA"""
+    width: Side | None = None
+    """pixels of the picture, half as many and a sixth more are its height; none: 360 on the CPU, 1080 on CUDA"""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width)."""
+        width = self.width or (1080 if cli.resolve_device(self.device).is_cuda else 360)
+        return max(width * 2 // 3, 1), width
+
+
+def load_texture(config: Config, device: wp.Device) -> Texture:
+    """With channels in the order that `scene.py` wants. Raises `InputError` for a file that has others."""
+    if config.texture:
+        texture = wn.texture.load(config.texture, device)
+        wanted = dict(zip(MAPS, ((0, 1, 2), (3, 4, 5), (6,)), strict=True))
+        if texture.channels != wanted:
+            raise InputError(f"{config.texture}: give a texture of albedo, normal and roughness, {CHANNELS} channels")
+        return texture
+    side, steps = (2 * TEXELS, config.steps) if device.is_cuda else (TEXELS, config.steps or STEPS_ON_CPU)
+    source = load_set(tiled_material(side, config.seed), maps=MAPS)
+    options = {"device": device, "seed": config.seed, "quiet": config.json, "preview": device.is_cuda}
+    texture = wn.texture.compress(source, mips=side.bit_length(), steps=steps, **options)
+    texture.save(config.out / "tiles.wntc")
+    return texture
