@@ -58,7 +58,8 @@ def test_codes(texture, bits, device):
     np.testing.assert_allclose(texels(maps, places, N, device), expected, rtol=1e-5, atol=1e-6)
     points = random_points(RNG, 500, MIPS)
     np.testing.assert_allclose(samples(maps, points, N, device), trilinear(levels, points), rtol=1e-4, atol=2e-5)
-    assert maps.bytes == sum(level.shape[0] * level.shape[1] for level in levels) * N * bits // 8
+    words = sum(level.shape[0] * level.shape[1] for level in levels) * N * bits // 8
+    assert words < maps.bytes < words + 600  # tables of levels
 
 
 def test_sixteen_bits_are_the_texture_itself(texture, device):
@@ -103,7 +104,8 @@ def test_blocks(texture, bc1, device):
     np.testing.assert_allclose(texels(maps, places, N, device), expected_texels(levels, places), rtol=1e-6, atol=1e-6)
     points = random_points(RNG, 500, MIPS)
     np.testing.assert_allclose(samples(maps, points, N, device), trilinear(levels, points), rtol=1e-4, atol=2e-5)
-    assert maps.bytes == sum(len(level) + -len(level) % 4 for each in maps.encoded.values() for level in each.levels)
+    words = sum(len(level) + -len(level) % 4 for each in maps.encoded.values() for level in each.levels)
+    assert words < maps.bytes < words + 800  # tables of levels and maps
 
 
 def test_blocks_are_near_the_texture(texture, device):

@@ -6,7 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 import warp as wp
-from texture_maps import MAPS, make_samples_kernel, make_texture, random_points, samples, trilinear
+from texture_maps import (
+    MAPS,
+    make_samples_kernel,
+    make_texels_kernel,
+    make_texture,
+    random_points,
+    samples,
+    texels,
+    trilinear,
+)
 
 from warp_neural.errors import InputError
 from warp_neural.kernels.texture.pages import PageParams, make_find
@@ -105,6 +114,13 @@ def test_a_warm_cache_gives_the_texture_on_load(texture, bits, device):
     assert len(held) > 100 and all((a == b).all() for a, b in held)
 
 
+def memory_of(params):
+    """Arrays of tiles, and of all else; all of 4 bytes a number."""
+    levels = [getattr(params.levels, name) for name in params.levels._cls.vars]
+    flat = [wp.array(array.numpy().ravel(), device="cpu") for array in levels]
+    return [params.words], [params.slots, params.wanted, params.first, params.columns, *flat]
+
+
 @cache
 def find_kernel():
     find = make_find(TILE)
@@ -167,8 +183,8 @@ def test_under_pressure_there_is_no_hole_no_stale_tile_and_no_other_use(texture,
         evictions += update.evictions
         coarser += sum(m > mip for mip, m in read)
         assert virtual.bytes <= budget
-        arrays = virtual.params.words, virtual.params.slots, virtual.params.wanted
-        assert virtual.bytes == sum(array.size * 4 for array in arrays)
+        tiles, tables = (sum(array.size * 4 for array in arrays) for arrays in memory_of(virtual.params))
+        assert virtual.bytes == tiles + tables and tiles > 0.8 * budget
     assert evictions > 10 and coarser > 10
 
 
@@ -191,6 +207,22 @@ def trilinear_of(levels, points, read):
     return np.array(result)
 
 
+def test_texels_of_pages_that_are_not_there_are_those_of_coarser_ones(texture, device):
+    virtual, levels = VirtualTexture(texture, budget=10**6, tile=TILE), decoded_levels(texture)
+    spec, rng = texture.state.spec, np.random.default_rng(5)
+    places = np.stack([rng.integers(0, 84, 500), rng.integers(0, 140, 500), rng.integers(0, MIPS, 500)], axis=1)
+    expected, last = [], []
+    for i, j, mip in places:
+        (height, width), m = spec.size(mip), max(mip, 4)  # 5 x 8 texels, the finest level of one tile
+        expected.append(levels[mip][i % height, j % width])
+        h, w = spec.size(m)
+        last.append(levels[m][i % height * h // height, j % width * w // width])
+    assert np.abs(texels(virtual, places, N, device) - last).max() < 1e-5
+    assert virtual.update().misses > 50
+    assert np.abs(texels(virtual, places, N, device) - expected).max() < 1e-5
+    assert virtual.update().misses == 0
+
+
 def test_everything_that_fits_stays(texture, device):
     virtual = VirtualTexture(texture, budget=10**9, tile=TILE)
     assert len(virtual.cache.page_of) == len(virtual.cache.slot_of)  # no more slots than pages
@@ -203,7 +235,7 @@ def test_everything_that_fits_stays(texture, device):
 
 def test_a_texture_without_mips_is_there_as_a_whole(device):
     texture = make_texture(device, mips=1, maps=FEW)
-    with pytest.raises(InputError, match=r"budget=10000: 35 tiles that stay"):
+    with pytest.raises(InputError, match=r"budget=10000: 35 tiles, the least, take \d+ bytes"):
         VirtualTexture(texture, budget=10000, tile=TILE)
     virtual = VirtualTexture(texture, budget=10**6, tile=TILE)
     points = random_points(np.random.default_rng(3), 500, 1)
@@ -219,6 +251,7 @@ def test_bad_options_are_refused(texture, options, message):
 
 def test_compiles_for_hopper(texture, tmp_path):
     virtual = VirtualTexture(texture, budget=10**6, tile=TILE)
-    kernel = make_samples_kernel(virtual.sample, virtual.Params, N)
-    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
-    assert artifact.stat().st_size > 0
+    for make, function in ((make_samples_kernel, virtual.sample), (make_texels_kernel, virtual.texel)):
+        kernel = make(function, virtual.Params, N)
+        (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)
+        assert artifact.stat().st_size > 0

@@ -17,6 +17,7 @@ from warp_neural.kernels.texture.filtering import make_sample, make_sampler
 from warp_neural.kernels.texture.texel import make_stored
 from warp_neural.texture.decoder import BLOCK
 from warp_neural.texture.levels import make_levels
+from warp_neural.texture.memory import bytes_of
 from warp_neural.texture.save import File, encode_maps, save_blocks
 from warp_neural.texture.state import Map
 from warp_neural.texture.texture import Texture
@@ -26,6 +27,11 @@ class _Maps:
     """In kernels that take `params: maps.Params`, launched with `maps.params`, any thread calls `maps.texel`,
     `maps.sample` or what `maps.make_sampler` makes, in place of the texture's own, with the same results but for
     rounding."""
+
+    @property
+    def bytes(self) -> int:
+        """Of all levels on the device, with tables."""
+        return bytes_of(self.params)
 
     @cached_property
     def sample(self) -> wp.Function:
@@ -53,11 +59,6 @@ class CodedMaps(_Maps):
             inputs = [texture.params, mip, params]
             wp.launch(kernel, spec.size(mip), inputs, device=texture.device, block_dim=BLOCK, record_tape=False)
 
-    @property
-    def bytes(self) -> int:
-        """Of all levels on the device."""
-        return self.params.words.size * 4
-
     @cached_property
     def texel(self) -> wp.Function:
         return make_stored(make_codes_texel(self.codes), self.codes.channels, self.texture.ranges, self.Params)
@@ -77,11 +78,6 @@ class BlockMaps(_Maps):
         decoded = [texture.decode(mip) for mip in range(state.spec.mips)]
         self.encoded = encode_maps(decoded, state.maps, bc1, quality)
         self.params = _put(list(self.encoded.values()), texture)
-
-    @property
-    def bytes(self) -> int:
-        """Of all maps and levels on the device."""
-        return self.params.words.size * 4
 
     def save(self, folder: Path | str, file: File = "dds") -> list[Path]:
         """Write NAME.dds or NAME.ktx2 of each map; returns the paths."""

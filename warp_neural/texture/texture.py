@@ -16,6 +16,7 @@ from warp_neural.kernels.texture.texel import make_stored
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import load_state, save_state
 from warp_neural.texture.kinds import to_maps
+from warp_neural.texture.memory import bytes_of
 from warp_neural.texture.state import TextureState
 
 
@@ -63,6 +64,11 @@ class Texture:
     @property
     def params(self) -> Any:
         return self.decoder.params
+
+    @property
+    def bytes(self) -> int:
+        """Of latents, network and tables on the device."""
+        return bytes_of(self.params)
 
     @cached_property
     def channels(self) -> dict[str, tuple[int, ...]]:

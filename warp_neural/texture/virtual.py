@@ -15,10 +15,9 @@ from warp_neural.kernels.texture.pages import PageParams, make_page_sample, make
 from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.texture.decoder import BLOCK
 from warp_neural.texture.levels import make_levels
+from warp_neural.texture.memory import bytes_of
 from warp_neural.texture.texture import Texture
 from warp_neural.texture.tile_cache import Changes, TileCache
-
-_TABLES = 8  # bytes a page: its slot, and whether it is wanted
 
 
 @dataclass(frozen=True)
@@ -54,30 +53,28 @@ class VirtualTexture:
         spec, device = texture.state.spec, texture.device
         counts = page_counts(spec, tile)  # [mips, 2]
         sizes = counts.prod(axis=1)
-        self.first = np.cumsum([*sizes[::-1]])[::-1] - sizes  # the coarsest level first
+        self.first = np.cumsum(sizes[::-1])[::-1] - sizes  # the coarsest level first
         pages, kept = int(sizes.sum()), int(sizes[sizes == 1].sum() or sizes[-1])
-        slots = min((budget - _TABLES * pages) // self.tile_bytes, pages)
-        if slots < min(kept + 1, pages):
-            least = min(kept + 1, pages) * self.tile_bytes + _TABLES * pages
-            raise InputError(f"budget={budget}: {kept} tiles that stay and one more take {least} bytes; give that many")
-        self.cache = TileCache(pages, slots, kept)
         params = self.params = PageParams()
         params.levels = make_levels(spec, device)
         params.first = wp.array(self.first, dtype=int, device=device)
         params.columns = wp.array(counts[:, 1], dtype=int, device=device)
         params.slots = wp.full(pages, -1, dtype=int, device=device)
         params.wanted = wp.zeros(pages, dtype=int, device=device)
+        tables, each, least = bytes_of(params), (tile + 1) ** 2 * self.codes.words * 4, min(kept + 1, pages)
+        slots = min((budget - tables) // each, pages)
+        if slots < least:
+            raise InputError(
+                f"budget={budget}: {least} tiles, the least, take {least * each + tables} bytes; give those"
+            )
         params.words = wp.zeros((slots * (tile + 1) ** 2, self.codes.words), dtype=wp.uint32, device=device)
+        self.cache = TileCache(pages, slots, kept)
         self._decode(Changes(np.arange(kept), np.arange(kept), np.full(kept, -1), 0))
 
     @property
-    def tile_bytes(self) -> int:
-        return (self.tile + 1) ** 2 * self.codes.words * 4
-
-    @property
     def bytes(self) -> int:
-        """Of tiles and tables, at most the budget."""
-        return len(self.cache.page_of) * self.tile_bytes + len(self.cache.slot_of) * _TABLES
+        """Of tiles and tables on the device, at most the budget."""
+        return bytes_of(self.params)
 
     @cached_property
     def sample(self) -> wp.Function:
