@@ -90,6 +90,7 @@ def normal_at(position: wp.vec3) -> wp.vec3:
 def intersect(origin: wp.vec3, direction: wp.vec3) -> Hit:
     hit = Hit()
     hit.distance = sphere_distance(origin, direction)
+    hit.position = origin + direction * NOWHERE
     ground = wp.where(direction[1] < 0.0, -origin[1] / wp.min(direction[1], -1.0e-6), NOWHERE)
     if ground < hit.distance:
         hit.distance = ground
@@ -157,6 +158,7 @@ def make_render_kernel(fetch: wp.Function, params_type: Any) -> wp.Kernel:
         params: params_type,
         camera: Camera,
         jitter: wp.vec2,
+        share: float,
         seed: wp.uint64,
         frame: int,
         radiance: wp.array2d[wp.vec3],
@@ -172,7 +174,8 @@ def make_render_kernel(fetch: wp.Function, params_type: Any) -> wp.Kernel:
             du = uv_along(hit, camera.eye, ray_of(camera, x + 1.0, y, width, height))
             dv = uv_along(hit, camera.eye, ray_of(camera, x, y + 1.0, width, height))
             random = uniform(stream(seed, frame, i * width + j), 0)
-            c = fetch(params, hit.uv, wp.mat22(du[0], dv[0], du[1], dv[1]), random)
+            footprint = share * wp.mat22(du[0], dv[0], du[1], dv[1])
+            c = fetch(params, hit.uv, footprint, random)
             lit = shade(hit, -direction, wp.vec3(c[0], c[1], c[2]), wp.vec3(c[3], c[4], c[5]), c[6])
             color = fogged(lit, hit.distance)
         radiance[i, j] = color
@@ -199,12 +202,20 @@ class Renderer:
     width: int
 
     def render(
-        self, camera: Camera, *, jitter: tuple[float, float] = (0, 0), seed: int = 0, frame: int = 0
+        self,
+        camera: Camera,
+        *,
+        jitter: tuple[float, float] = (0, 0),
+        share: float = 1.0,
+        seed: int = 0,
+        frame: int = 0,
     ) -> tuple[wp.array, wp.array]:
-        """Radiance, vec3 [height, width], and places, vec4 [height, width]. jitter: of all rays, in pixels."""
+        """Radiance, vec3 [height, width], and places, vec4 [height, width]. jitter: of all rays, in pixels. share: of
+        a pixel's footprint that the texture is filtered by; less than 1 where a mean of jittered frames does the rest.
+        """
         radiance, places = (wp.empty((self.height, self.width), t, device=self.device) for t in (wp.vec3, wp.vec4))
         kernel = make_render_kernel(self.fetch, self.params_type)
-        inputs = [self.params, camera, wp.vec2(*jitter), seed, frame]
+        inputs = [self.params, camera, wp.vec2(*jitter), share, seed, frame]
         wp.launch(kernel, radiance.shape, inputs, [radiance, places], device=self.device, record_tape=False)
         return radiance, places
 

@@ -5,7 +5,8 @@
 Filtering exactly takes eight texels and as many evaluations of the network. A texel that is drawn by its weight takes
 one, and its mean is the filtered value (Fajardo et al. 2023, "Stochastic Texture Filtering"); averaged after shading it
 is even the better one (Pharr et al. 2024, "Filtering After Shading With Stochastic Texture Filtering"). What is left is
-noise, which is new in each frame: it boils. An average over the frames, with the camera's motion taken out, calms it.
+noise, which is new in each frame: it boils. An average over the frames, with the camera's motion taken out, calms it,
+and smooths outlines too, as each frame's rays are moved by a part of a pixel; textures are then filtered by less.
 
 The camera moves slowly. Boiling is the deviation, over frames, of each pixel's error, so the picture's own motion does
 not count; in 255ths of what is displayed, its root mean square. FLIP is that of the last frame. The reference has 64
@@ -33,11 +34,12 @@ from warp_neural.texture.texture import Texture
 SIDE = 8  # of the square of rays in a pixel of the reference
 MEASURED = 8  # frames, the last ones
 RATE = 30  # frames a second
+SHARE = 0.25  # of a pixel's sides, that textures are filtered by in frames that are averaged: about 15 make a pixel
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config(SceneConfig):
-    frames: Count = 40
+    frames: Count = 24
     """of the moving camera; the last eight are measured"""
 
 
@@ -64,7 +66,7 @@ def sequence(config: Config, renderer: Renderer) -> tuple[dict[str, list[np.ndar
             times.append(1e3 * (time.perf_counter() - began))
             alone.append(to_8_bit(radiance))
         jitter = jitter_of(frame)
-        radiance, places = renderer.render(camera, jitter=jitter, seed=config.seed, frame=frame)
+        radiance, places = renderer.render(camera, jitter=jitter, share=SHARE, seed=config.seed, frame=frame)
         mean = accumulator.add(camera, radiance, places, jitter)
         if measured:
             accumulated.append(to_8_bit(mean, renderer.device))
