@@ -8,7 +8,7 @@ import warp as wp
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
-from warp_neural.kernels.texture import features, losses, rate, sample, texel, update
+from warp_neural.kernels.texture import codes, features, filtering, losses, pages, rate, sample, texel, update
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.rooms import choose_schedule
@@ -47,13 +47,22 @@ def test_network(tmp_path, monkeypatch):
         compiles(kernel, 90, tmp_path)
 
 
+def test_decoding_into_memory(tmp_path):
+    """On load and on feedback."""
+    net = MLP(SPEC.n_in, 8, 32, 2, activation=elu, device="cpu")
+    params_type = texel.make_params_type(net.Params)
+    each = texel.make_texel(SPEC, net.func, params_type)
+    compiles(codes.make_fill_kernel(codes.Codes(8, 16), each, params_type), 90, tmp_path / "fill")
+    compiles(pages.make_tiles_kernel(codes.Codes(8, 8), 64, each, params_type), 90, tmp_path / "tiles")
+
+
 @pytest.mark.parametrize("arch", [75, 90])
 def test_decoding(arch, tmp_path):
     net = MLP(SPEC.n_in, 8, 64, 2, activation=elu, device="cpu")
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
     stored = texel.make_stored(each, 8, ((0.0, 1.0, False),) * 7 + ((-4.0, 9.0, True),), params_type)
-    blended = texel.make_sample(stored, SPEC, params_type)
+    blended = filtering.make_sample(stored, SPEC, params_type)
     vec = wp.types.vector(8, float)
 
     @wp.kernel(module="unique", enable_backward=False)
