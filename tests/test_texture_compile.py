@@ -49,7 +49,7 @@ def test_network(tmp_path, monkeypatch):
 
 def test_decoding_into_memory(tmp_path):
     """On load and on feedback."""
-    net = MLP(SPEC.n_in, 8, 32, 2, activation=elu, device="cpu")
+    net = MLP(SPEC.n_in, 8, 16, 1, activation=elu, device="cpu")
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
     compiles(codes.make_fill_kernel(codes.Codes(8, 16), each, params_type), 90, tmp_path / "fill")
