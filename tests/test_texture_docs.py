@@ -53,3 +53,7 @@ def test_several_materials_in_one_launch(module):
         texels = np.concatenate(list(texture.decode().values()), -1).reshape(-1, spec.channels)[:, :3]
         own = sorted_colors[material == number]
         assert np.abs(own[:, None] - texels).max(-1).min(1).max() < 2e-3
+
+
+def test_feedback_comes_to_rest(module):
+    assert module.update.wanted > 0 == module.update.misses and module.virtual.bytes <= 1 << 20
