@@ -44,19 +44,19 @@ class Model:
 
     def want(self, pages, most):
         """(misses, decoded, evicted)"""
-        missing = [page for page in pages if not self.there(page)]
-        now = [page for page in pages if page in self.pages]
-        for page in now:
-            self.pages.move_to_end(page)
-        decoded, evicted = [], []
-        for page in missing:
-            if len(decoded) == most or (len(self.pages) == self.slots and next(iter(self.pages)) in now):
-                break
-            if len(self.pages) == self.slots:
-                evicted.append(self.pages.popitem(last=False)[0])
+        pages = [page for page in pages if page not in self.kept]
+        missing = [page for page in pages if page not in self.pages]
+        for page in pages[::-1]:
+            if page in self.pages:
+                self.pages.move_to_end(page)
+        chosen, evicted = pages[: self.slots], []
+        decoded = [page for page in missing if page in chosen][:most]
+        room = self.slots - len(self.pages)
+        for _page in decoded[room:]:
+            evicted.append(next(page for page in self.pages if page not in chosen))
+            del self.pages[evicted[-1]]
+        for page in decoded[::-1]:
             self.pages[page] = None
-            now.append(page)
-            decoded.append(page)
         return len(missing), decoded, evicted
 
 
@@ -75,6 +75,16 @@ def test_the_cache_is_that_of_a_plain_model(most):
         assert (cache_.page_of[cache_.slot_of[there]] == there).all()
         seen.add((len(decoded) < misses, len(evicted) > 0))
     assert {(False, False), (False, True), (True, True)} <= seen
+
+
+def test_if_not_all_fits_the_coarsest_are_there_and_stay():
+    """Whatever was there before."""
+    cache_ = TileCache(60, 12, 3)
+    cache_.want(np.arange(30, 50))
+    cache_.want(np.arange(5, 25), most=4)
+    changes = [cache_.want(np.arange(5, 25)) for _ in range(2)][-1]
+    assert list(np.flatnonzero(cache_.slot_of >= 0)) == [0, 1, 2, *range(5, 14)]
+    assert changes.misses == 11 and len(changes.pages) == 0
 
 
 def tiles_of(texture, virtual):
@@ -158,8 +168,7 @@ def test_under_pressure_there_is_no_hole_no_stale_tile_and_no_other_use(texture,
     """A tenth of what a picture of the whole texture needs, and another view in every frame."""
     budget = VirtualTexture(texture, budget=10**9, tile=TILE).bytes // 10
     virtual = VirtualTexture(texture, budget=budget, tile=TILE)
-    kept = int((virtual.cache.used > 2**60).sum())
-    model, rng, evictions = Model(len(virtual.cache.page_of), kept), np.random.default_rng(6), 0
+    model, rng, evictions = Model(len(virtual.cache.page_of), virtual.cache.kept), np.random.default_rng(6), 0
     coarser = 0
     levels = [level.astype(np.float64) for level in decoded_levels(texture)]
     for frame in range(12):

@@ -89,7 +89,7 @@ class VirtualTexture:
 
     def update(self, decodes: int | None = None) -> Update:
         """Decode what was wanted since the last update and is not there, coarse levels first, `decodes` tiles at most.
-        Waits for the device."""
+        Where not all fits, the coarsest stay. Waits for the device."""
         wanted = np.flatnonzero(self.params.wanted.numpy())
         self.params.wanted.zero_()
         changes = self.cache.want(wanted, decodes)
