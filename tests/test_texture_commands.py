@@ -24,7 +24,7 @@ GOLDEN = Path(__file__).parent / "golden" / "version_1.wntc"
 
 def test_options_reach_the_codec(codec, capfd):
     options = ["--size", "1.5KiB", "--weights", "albedo=2, normal=0.5", "--losses", "normal=angle"]
-    options += ["--mips", "all", "--seed", "7", "--preview", "--steps", "500"]
+    options += ["--mips", "all", "--seed", "7", "--preview", "--steps", "500", "--for", "sample"]
     said = run(capfd, "compress", "rock", "-o", "out/rock.wntc", "--device", "cpu", *options)
     (call,) = codec
     assert call.pop("device").alias == "cpu" and call.pop("quiet")
@@ -33,6 +33,7 @@ def test_options_reach_the_codec(codec, capfd):
         "psnr": None,
         "size": 1536,
         "quality": None,
+        "storage": "sample",
         "preview": True,
         "steps": 500,
         "mips": 4,

@@ -126,7 +126,7 @@ def test_a_stopped_run_goes_on(short_runs, tmp_path, monkeypatch):
         ({"bpp": 0}, "bpp=0: .*positive"),
         ({"psnr": float("nan")}, "psnr=nan"),
         ({"quality": "best"}, "quality=best|quality='best'"),
-        ({"size": 400}, "size 400: the network alone takes .* kB; give at least .* bytes"),
+        ({"size": 400}, "size 400: the network takes .* kB; give at least .* bytes"),
         ({"weights": {"normal": 2}}, "names of maps, albedo, ao"),
         ({"losses": {"normal": "angle"}}, "names of maps, albedo, ao"),
         ({"losses": {"albedo": "angle"}}, "l2 for what is no normal"),

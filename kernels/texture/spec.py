@@ -6,6 +6,7 @@ grids, and the level of detail where there are mips, enter the network, whose re
 """
 
 from dataclasses import dataclass
+from math import prod
 from typing import Literal
 
 from warp_neural.kernels.errors import require, require_whole
@@ -40,6 +41,11 @@ class Grid:
     def limit(self) -> int:
         """The largest latent."""
         return max(2 ** (self.bits - 1) - 1, 1)
+
+    @property
+    def resident_bits(self) -> int:
+        """Of a latent in a device's memory: 1, 2, 4 or 8."""
+        return 1 << (self.bits - 1).bit_length()
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,13 @@ class TextureSpec:
         coarsest, scale = self.grids[-1].scale, self.grids[grid].scale
         rows, columns = (-(-side // coarsest) * coarsest // scale for side in self.size(mip))
         return rows, columns
+
+    @property
+    def resident_bits(self) -> float:
+        """Of the latents of all levels in a device's memory, a texel of mip 0."""
+        grids = [(m, g) for m in range(self.mips) for g in range(len(self.grids))]
+        counts = (prod(self.cells(m, g)) * self.grids[g].channels * self.grids[g].resident_bits for m, g in grids)
+        return sum(counts) / (self.height * self.width)
 
     @property
     def tensors(self) -> dict[str, tuple[int, ...]]:

@@ -6,28 +6,45 @@ from typing import Any
 import warp as wp
 
 from warp_neural.kernels.texture.levels import Levels
-from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.texture.taps import make_taps
 
 
 @cache
 def make_params_type(network_type: Any) -> Any:
-    """network: parameters of the texture's network. latents: as `Levels` says. kernels: as `Layout` says."""
+    """network: parameters of the texture's network. latents: words of `make_latent`, those of level m and grid g from
+    `starts[m, g]` on, in the order of `Levels`. kernels: as `Layout` says."""
 
     @wp.struct
     class TextureParams:
         network: network_type
         levels: Levels
-        latents: wp.array[wp.int8]
+        latents: wp.array[wp.uint32]
+        starts: wp.array2d[int]
         kernels: wp.array[float]
 
     return TextureParams
 
 
 @cache
+def make_latent(grid: Grid) -> wp.Function:
+    """`(latents, start, i) -> latent`: number i of those packed from word `start` on, in `Grid.resident_bits` each,
+    the low bits first: latent + limit, of 1 bit whether it is positive."""
+    bits, each, mask = grid.resident_bits, 32 // grid.resident_bits, 2**grid.resident_bits - 1
+    scale, low = (2.0, -1.0) if grid.bits == 1 else (1.0, -float(grid.limit))
+
+    @wp.func
+    def latent(latents: wp.array[wp.uint32], start: int, i: int) -> float:
+        word = latents[start + i / each] >> wp.uint32(i % each * bits)
+        return scale * float(word & wp.uint32(mask)) + low
+
+    return latent
+
+
+@cache
 def make_add_grid(spec: TextureSpec, g: int, params_type: Any) -> wp.Function:
     """`(params, i, j, mip, x) -> x` with the grid's channels of texel (row i, column j)."""
-    grid, taps = spec.grids[g], make_taps(spec, g)
+    grid, taps, latent = spec.grids[g], make_taps(spec, g), make_latent(spec.grids[g])
     scale, channels = grid.scale, grid.channels
     first, vec_in = sum(each.channels for each in spec.grids[:g]), wp.types.vector(spec.n_in, float)
 
@@ -37,16 +54,16 @@ def make_add_grid(spec: TextureSpec, g: int, params_type: Any) -> wp.Function:
         rows, columns = params.levels.rows[mip, g], params.levels.columns[mip, g]
         below = wp.where(row + 1 < rows, row + 1, 0)
         right = wp.where(column + 1 < columns, column + 1, 0)
-        start = params.levels.first[mip, g]
-        a, b = start + (row * columns + column) * channels, start + (row * columns + right) * channels
-        c, d = start + (below * columns + column) * channels, start + (below * columns + right) * channels
+        start = params.starts[mip, g]
+        a, b = (row * columns + column) * channels, (row * columns + right) * channels
+        c, d = (below * columns + column) * channels, (below * columns + right) * channels
         y = x
         for k in range(channels):
             q = wp.vec4(
-                float(params.latents[a + k]),
-                float(params.latents[b + k]),
-                float(params.latents[c + k]),
-                float(params.latents[d + k]),
+                latent(params.latents, start, a + k),
+                latent(params.latents, start, b + k),
+                latent(params.latents, start, c + k),
+                latent(params.latents, start, d + k),
             )
             y[first + k] = wp.dot(taps(params.kernels, k, i - row * scale, j - column * scale), q)
         return y

@@ -41,6 +41,9 @@ class Compress(Options):
     """of the file, such as 400kB or 400KiB"""
     quality: Literal["low", "medium", "high"] | None = None
     """at whatever size it takes"""
+    storage: Annotated[Literal["load", "sample"], tyro.conf.arg(name="for")] = "load"
+    """what is to be small: the file, decoded at load, or the latents in memory that shaders sample; then --bpp is what
+    these may take"""
     preview: bool = False
     """a fast, rougher result"""
     steps: Annotated[int | None, Between(100, 10_000_000)] = None
@@ -88,6 +91,7 @@ class Compress(Options):
         result = texture.compress(
             texture_set,
             **goals,
+            storage=self.storage,
             preview=self.preview,
             steps=self.steps,
             checkpoint=self._checkpoint(),

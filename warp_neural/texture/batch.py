@@ -22,9 +22,9 @@ from warp_neural.kernels.training.progress import Progress
 
 
 class GridLaunches:
-    """Of one grid. noisy: its latents in the tiles of a step."""
+    """Of one grid. noisy: its latents in the tiles of a step. rated: their bits cost."""
 
-    def __init__(self, spec: TextureSpec, g: int, tiles: int, encoded: wp.array):
+    def __init__(self, spec: TextureSpec, g: int, tiles: int, encoded: wp.array, rated: bool):
         grid, which = spec.grids[g], (spec, g, encoded.dtype)
         self.tiles, self.encoded, self.channels, self.scale = tiles, encoded, grid.channels, grid.scale
         self.cells, self.side = TILE // grid.scale, side(grid.scale)
@@ -32,7 +32,7 @@ class GridLaunches:
         self.disturb_kernel, self.features_kernel = make_disturb_kernel(spec, g), make_features_kernel(*which)
         self.adjoint_kernel, self.update_kernel = make_adjoint_kernel(*which), make_latents_kernel(spec, g)
         self.taps_kernel = make_kernel_adjoint_kernel(*which) if grid.kernel != "bilinear" else None
-        self.rate_kernel = make_rate_kernel(spec, g) if grid.bits > 1 else None
+        self.rate_kernel = make_rate_kernel(spec, g) if rated and grid.bits > 1 else None
 
     @property
     def kernels(self) -> list[wp.Kernel]:
@@ -68,10 +68,10 @@ class TextureBatch:
 
     used, aside = True, None
 
-    def __init__(self, spec: TextureSpec, tiles: int, device: wp.Device):
+    def __init__(self, spec: TextureSpec, tiles: int, device: wp.Device, rated: bool = True):
         dtype = wp.float16 if device.is_cuda else wp.float32
         self.values = wp.zeros((tiles * TILE * TILE, spec.n_in), dtype=dtype, device=device)
-        self.grids = [GridLaunches(spec, g, tiles, self.values) for g in range(len(spec.grids))]
+        self.grids = [GridLaunches(spec, g, tiles, self.values, rated) for g in range(len(spec.grids))]
         wp.force_load(device, [kernel.module for grid in self.grids for kernel in grid.kernels])  # side by side
         self.streams = [wp.Stream(device) if device.is_cuda else None for _ in self.grids]
 

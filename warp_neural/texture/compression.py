@@ -14,10 +14,17 @@ from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.errors import is_finite, require, require_whole
 from warp_neural.kernels.texture.losses import Cost
 from warp_neural.texture.checkpoint import Checkpoint
-from warp_neural.texture.job import Job, make_job
+from warp_neural.texture.job import Job, Storage, make_job
 from warp_neural.texture.maps import load_set
 from warp_neural.texture.measure import channel_errors, psnr
-from warp_neural.texture.presets import QUALITIES, beside_latents, effort_of, precision_for, weight_for
+from warp_neural.texture.presets import (
+    FIXED_QUALITIES,
+    QUALITIES,
+    beside_latents,
+    effort_of,
+    precision_for,
+    weight_for,
+)
 from warp_neural.texture.search import Goal, meet
 from warp_neural.texture.texture import Texture
 
@@ -37,6 +44,7 @@ def compress(
     psnr: float | None = None,
     size: int | None = None,
     quality: Literal["low", "medium", "high"] | None = None,
+    storage: Storage = "load",
     preview: bool = False,
     steps: int | None = None,
     mips: int | None = None,
@@ -52,25 +60,28 @@ def compress(
     source: what `load_set` takes, a folder, files, arrays or a `Material`, or a `TextureSet`. At most one goal: bpp,
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
     together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB; if not, the
-    metrics' "goal_met" is False. preview: fewer steps. steps: of training, in place of those that device, size and
-    preview lead to. mips: levels in the file, those of the source if None. weights: of the errors of maps, by name; 1
-    if not given. losses: what errors of a map cost, by name; "l2", their squares, if not given; of normals "angle"; of
-    colours "luminance", with less for errors of chroma. checkpoint: a file to save the run to, every 30 seconds and at
-    Ctrl-C; if it is there, to go on from.
+    metrics' "goal_met" is False. storage: what is to be small. "load", the file, whose latents take about three times
+    as much in memory; "sample", what is in memory while texels are read: latents of 1 or 4 bits each, of which bpp is
+    the most that all may take, "resident_bits" in the metrics what they take; psnr and size are no goals then.
+
+    preview: fewer steps. steps: of training, in place of those that device, size and preview lead to. mips: levels in
+    the file, those of the source if None. weights: of the errors of maps, by name; 1 if not given. losses: what errors
+    of a map cost, by name; "l2", their squares, if not given; of normals "angle"; of colours "luminance", with less for
+    errors of chroma. checkpoint: a file to save the run to, every 30 seconds and at Ctrl-C; if it is there, to go on
+    from.
 
     Raises `InputError` for goals that cannot be met.
     """
     begin = time.perf_counter()
     texture_set = load_set(source)
-    job = make_job(texture_set, mips, weights, losses, find_device(device), seed)
+    job = make_job(texture_set, mips, weights, losses, find_device(device), seed, storage)
     effort = effort_of(job.device, preview, job.all_texels)
     if steps is not None:
         require_whole("steps", steps, 100)
         effort = replace(effort, steps=steps)
-    goal, bits = _goal(job, bpp, psnr, size, quality)
     given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
+    goal, bits, weight = _plan(job, **given)
     kept = Checkpoint(checkpoint, job.configuration | given | {"effort": list(vars(effort).values())})
-    weight = weight_for(bits) if goal else QUALITIES[quality or "medium"]
     trainer = job.trainer(job.spec(bits), precision_for(weight), effort.steps, effort.tiles, weight)
     first, met = [trainer.snapshot()] if kept.tensors else [], {}
     with kept.kept(trainer) as watch:
@@ -82,23 +93,41 @@ def compress(
     texture = Texture(state, job.device)
     errors = _errors(texture, job)
     extra = errors | met | {"seconds": round(time.perf_counter() - begin, 3), "steps": trainer.steps}
-    return texture.with_metrics(extra | {"rate_weight": float(f"{trainer.rate_weight:.4g}")})
+    extra |= {"rate_weight": float(f"{trainer.rate_weight:.4g}"), "resident_bits": round(state.spec.resident_bits, 4)}
+    return texture.with_metrics(extra)
 
 
-def _goal(
-    job: Job, bpp: float | None, psnr: float | None, size: int | None, quality: str | None
-) -> tuple[Goal | None, float]:
-    """And about how many bits a texel it takes."""
-    given = {"bpp": bpp, "psnr": psnr, "size": size, "quality": quality}
+def _plan(job: Job, **given) -> tuple[Goal | None, float, float]:
+    """The goal, the bits a texel that it takes, about, or that latents may take, and lambda to begin with."""
+    _check(given)
+    if job.storage == "load":
+        goal, bits = _goal(job, **given)
+        return goal, bits, weight_for(bits) if goal else QUALITIES[given["quality"] or "medium"]
+    for name in ("psnr", "size"):
+        require(given[name] is None, name, given[name], 'left out with storage "sample": give bpp or quality')
+    levels = 1.1 * job.all_texels / job.texels if len(job.levels) > 1 else 1.0  # small ones are whole cells too
+    bits = FIXED_QUALITIES[given["quality"] or "medium"] * levels if given["bpp"] is None else given["bpp"]
+    return None, bits, 0.0
+
+
+def _check(given: Mapping[str, Any]) -> None:
+    """At most one goal, of a known kind."""
     named = [name for name, value in given.items() if value is not None]
     if len(named) > 1:
         raise InputError(f"{' and '.join(named)}: each chooses how good and how large it is; give one of them")
+    quality = given["quality"]
     if quality is not None:
         require(quality in QUALITIES, "quality", quality, f"one of {', '.join(QUALITIES)}")
     for name in ("bpp", "psnr", "size"):
         value = given[name]
         if value is not None:
             require(is_finite(value) and value > 0, name, value, "a positive number")
+
+
+def _goal(
+    job: Job, bpp: float | None, psnr: float | None, size: int | None, quality: str | None
+) -> tuple[Goal | None, float]:
+    """And about how many bits a texel it takes."""
     if psnr is not None:
         return Goal(job.psnr, psnr, PSNR_SLOPE, PSNR_TOLERANCE, PSNR_TO_COME), 1.5 if psnr < 29 else 3.0
     if bpp is None and size is None:
@@ -108,9 +137,13 @@ def _goal(
     latents = bits * job.texels - beside
     if latents < beside / 8:
         least = 1.25 * beside
+        wanted, enough = (
+            (f"bpp {bpp:g}", f"{least / job.texels:.3g}")
+            if size is None
+            else (f"size {size}", f"{least / 8:.0f} bytes")
+        )
         raise InputError(
-            f"{named[0]} {given[named[0]]:g}: the network alone takes {beside / 8e3:.1f} kB; give at least "
-            f"{f'{least / job.texels:.3g}' if size is None else f'{least / 8:.0f} bytes'}, or fewer, larger textures"
+            f"{wanted}: the network takes {beside / 8e3:.1f} kB; give at least {enough}, or fewer, larger textures"
         )
     less, rest = SURE * beside, (1 - SURE) * beside
     tolerance = BITS_TOLERANCE * bits * job.texels / (latents + rest)

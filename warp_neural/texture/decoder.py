@@ -7,6 +7,7 @@ import warp as wp
 
 from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.texture.layout import Layout
+from warp_neural.kernels.texture.spec import Grid
 from warp_neural.kernels.texture.texel import make_decode_kernel, make_params_type, make_texel
 from warp_neural.nn.mlp import MLP
 from warp_neural.texture.initial import make_network
@@ -26,8 +27,10 @@ class Decoder:
         self.Params = make_params_type(self.net.Params)
         params = self.params = self.Params()
         params.network, params.levels = self.net.params, make_levels(state.spec, self.device)
-        flat = np.concatenate([grid.ravel() for level in state.latents for grid in level])
-        params.latents = wp.array(flat, dtype=wp.int8, device=self.device)
+        packed = [pack(grid, x) for level in state.latents for grid, x in zip(state.spec.grids, level, strict=True)]
+        starts = np.cumsum([0, *map(len, packed[:-1])]).reshape(state.spec.mips, -1)
+        params.latents = wp.array(np.concatenate(packed), dtype=wp.uint32, device=self.device)
+        params.starts = wp.array(starts, dtype=int, device=self.device)
         params.kernels = wp.array(kernels_of(state), dtype=float, device=self.device)
 
     @cached_property
@@ -47,6 +50,14 @@ class Decoder:
         inputs = [self.params, mip, top, left, values]
         wp.launch(kernel, (h, w), inputs, device=self.device, block_dim=BLOCK, record_tape=False)
         return values.numpy()
+
+
+def pack(grid: Grid, latents: np.ndarray) -> np.ndarray:
+    """int8 latents in the words of `make_latent`."""
+    codes = (latents.ravel() > 0 if grid.bits == 1 else latents.ravel().astype(np.int16) + grid.limit).astype(np.uint32)
+    each = 32 // grid.resident_bits
+    rows = np.pad(codes, (0, -len(codes) % each)).reshape(-1, each)
+    return np.bitwise_or.reduce(rows << np.arange(each, dtype=np.uint32) * np.uint32(grid.resident_bits), axis=1)
 
 
 def network_of(state: TextureState, device: wp.Device) -> MLP:

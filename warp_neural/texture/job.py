@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import log
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 from zlib import crc32
 
 import numpy as np
@@ -16,9 +16,12 @@ from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import coded_bits
 from warp_neural.texture.maps import TextureSet, mip_chain, without_hidden
 from warp_neural.texture.measure import psnr
-from warp_neural.texture.presets import spec_of
+from warp_neural.texture.presets import FIXED_RATE, FIXED_SPREAD, fixed_spec, spec_of
 from warp_neural.texture.state import Map
 from warp_neural.texture.trainer import TextureTrainer
+
+Storage = Literal["load", "sample"]
+"""what few bits are wanted of: the file, or the latents that are read while a picture is made"""
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class Job:
     loss: TextureLoss
     device: wp.Device
     seed: int
+    storage: Storage = "load"
 
     @property
     def configuration(self) -> dict[str, Any]:
@@ -39,7 +43,13 @@ class Job:
         for level in self.targets:
             digest = crc32(np.ascontiguousarray(level), digest)
         sizes = [list(level.shape) for level in self.levels]
-        return {"pictures": digest, "sizes": sizes, "loss": repr(self.loss), "seed": self.seed}
+        return {
+            "pictures": digest,
+            "sizes": sizes,
+            "loss": repr(self.loss),
+            "seed": self.seed,
+            "storage": self.storage,
+        }
 
     @property
     def texels(self) -> int:
@@ -51,12 +61,15 @@ class Job:
         return sum(level.shape[0] * level.shape[1] for level in self.levels)
 
     def spec(self, bits: float) -> TextureSpec:
-        return spec_of(*self.levels[0].shape, len(self.levels), bits)
+        make = fixed_spec if self.storage == "sample" else spec_of
+        return make(*self.levels[0].shape, len(self.levels), bits)
 
     def trainer(
         self, spec: TextureSpec, precision: float, steps: int, tiles: int, rate_weight: float
     ) -> TextureTrainer:
         options = {"loss": self.loss, "seed": self.seed, "device": self.device, "precision": precision}
+        if self.storage == "sample":
+            options |= {"latent_rate": FIXED_RATE, "spread": FIXED_SPREAD}
         return TextureTrainer(spec, self.targets, rate_weight=rate_weight, steps=steps, tiles=tiles, **options)
 
     def log_coded(self, trainer: TextureTrainer, less: float) -> float:
@@ -75,11 +88,13 @@ def make_job(
     losses: Mapping[str, Cost] | None,
     device: wp.Device,
     seed: int,
+    storage: Storage = "load",
 ) -> Job:
+    require(storage in get_args(Storage), "storage", storage, f"one of {', '.join(get_args(Storage))}")
     levels = mip_chain(texture_set, mips or len(texture_set.levels))
     loss = loss_of(texture_set.maps, weights, losses)
     targets = without_hidden(levels, texture_set.maps)
-    return Job(texture_set.maps, tuple(levels), targets, loss, device, seed)
+    return Job(texture_set.maps, tuple(levels), targets, loss, device, seed, storage)
 
 
 def loss_of(

@@ -5,6 +5,7 @@ from math import log2, prod
 
 import warp as wp
 
+from warp_neural.errors import InputError
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 
 FEW = Grid(4, 24), Grid(8, 16, "separable"), Grid(16, 8, "bilinear")
@@ -12,6 +13,20 @@ MANY = Grid(2, 12), Grid(4, 16), Grid(8, 12, "separable"), Grid(16, 8, "bilinear
 MANY_FROM = 2.0  # bits a texel
 QUALITIES = {"low": 1.5e-3, "medium": 3e-4, "high": 6e-5}
 """lambda: mean squared error that a bit a texel is worth"""
+FIXED = {
+    0.5: (Grid(8, 16, bits=1), Grid(16, 16, bits=4)),
+    1.0625: (Grid(4, 8, bits=1), Grid(8, 16, bits=1), Grid(16, 20, bits=4)),
+    1.625: (Grid(4, 12, bits=1), Grid(8, 32, bits=1), Grid(16, 24, bits=4)),
+    2.5: (Grid(4, 24, bits=1), Grid(8, 12, bits=4), Grid(16, 16, bits=4)),
+    3.75: (Grid(4, 24, bits=1), Grid(8, 32, bits=4), Grid(16, 16, bits=4)),
+    5.0: (Grid(2, 4, bits=1), Grid(4, 32, bits=1), Grid(8, 28, bits=4), Grid(16, 16, bits=4)),
+    6.4375: (Grid(2, 10, bits=1), Grid(4, 32, bits=1), Grid(8, 28, bits=4), Grid(16, 12, bits=4)),
+    10.0: (Grid(2, 24, bits=1), Grid(4, 32, bits=1), Grid(8, 32, bits=4)),
+}
+"""by the bits of latents a texel in memory: many latents of one bit where cells are small are 1 to 2 dB better than
+few of four bits (three materials)"""
+FIXED_QUALITIES = {"low": 1.0625, "medium": 3.75, "high": 6.4375}
+FIXED_RATE, FIXED_SPREAD = 1.0, 0.5  # of the optimizer, in steps; of latents at the start, of half of their range
 
 
 @dataclass(frozen=True)
@@ -37,6 +52,16 @@ def spec_of(height: int, width: int, channels: int, mips: int, bits: float) -> T
     if mips > 1:  # the level of detail takes an input
         grids = (*grids[:-1], replace(grids[-1], channels=grids[-1].channels - 1))
     return TextureSpec(height, width, channels, mips, grids)
+
+
+def fixed_spec(height: int, width: int, channels: int, mips: int, bits: float) -> TextureSpec:
+    """With at most so many bits of latents a texel of mip 0, of all levels."""
+    specs = [TextureSpec(height, width, channels, mips, grids) for grids in FIXED.values()]
+    fitting = [spec for spec in specs if spec.resident_bits <= bits]
+    if not fitting:
+        least = min(spec.resident_bits for spec in specs)
+        raise InputError(f"bpp {bits:g}: latents of this texture take at least {least:.3g} bits a texel; give that")
+    return max(fitting, key=lambda spec: spec.resident_bits)
 
 
 def weight_for(bits: float) -> float:

@@ -35,9 +35,10 @@ class TextureTrainer:
     """levels: the trained channels of each mip, float32 [height, width, channels], NaN where any value will do; then
     the weights that `loss` takes.
 
-    rate_weight: lambda, the mean squared error that a bit a texel is worth; may be set anew. Of a step: `tiles` squares
-    of 32 x 32 texels. latent_rate, network_rate: of Adam at the start. precision: of the file's weights, whose steps
-    are rms / precision. loss: what errors cost.
+    rate_weight: lambda, the mean squared error that a bit a texel is worth, which may be set anew; or 0, for latents
+    that take as many bits as their grids say. Of a step: `tiles` squares of 32 x 32 texels. latent_rate, network_rate:
+    of Adam at the start. spread: deviation of latents at the start, of half of their range, or None for `INITIAL`.
+    precision: of the file's weights, whose steps are rms / precision. loss: what errors cost.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class TextureTrainer:
         steps: int,
         tiles: int = 64,
         latent_rate: float = 0.3,
+        spread: float | None = None,
         network_rate: float = 5e-3,
         precision: float = 16.0,
         loss: TextureLoss = known_l2,
@@ -62,7 +64,7 @@ class TextureTrainer:
         self.schedule = make_schedule(steps)
         self.net = initial_network(spec, self.device, random)
         set_means(self.net, levels)
-        self.data = self._data(levels, random, latent_rate)
+        self.data = self._data(levels, random, latent_rate, spread)
         self.rate_weight = rate_weight
         self.kernels = self._array(initial_kernels(self.layout, random))
         self.data.kernels.assign(self.kernels)
@@ -75,13 +77,15 @@ class TextureTrainer:
     def _array(self, values: np.ndarray) -> wp.array:
         return wp.array(values, dtype=float, device=self.device)
 
-    def _data(self, levels: Sequence[np.ndarray], random: np.random.Generator, latent_rate: float) -> TextureData:
+    def _data(
+        self, levels: Sequence[np.ndarray], random: np.random.Generator, latent_rate: float, spread: float | None
+    ) -> TextureData:
         spec, schedule, device = self.spec, self.schedule, self.device
         data, n = TextureData(), int(first_latents(spec)[-1])
         data.levels = make_levels(spec, device)
         data.tiles = wp.array(tile_order(spec, self.steps * self.tiles, random), dtype=wp.vec3i, device=device)
         data.targets = self._array(np.concatenate([level.reshape(-1, level.shape[-1]) for level in levels]))
-        data.latents = self._array(INITIAL * random.standard_normal(n, np.float32))
+        data.latents = self._array(self._deviations(spread) * random.standard_normal(n, np.float32))
         for name in ("gradient", "first", "second"):
             setattr(data, name, wp.zeros(n, dtype=float, device=device))
         for name in ("kernels", "kernels_gradient"):
@@ -94,13 +98,19 @@ class TextureTrainer:
         data.bits = wp.zeros(HISTORY, dtype=float, device=device)
         return data
 
+    def _deviations(self, spread: float | None) -> np.ndarray:
+        """Of each latent at the start."""
+        sizes = np.diff(first_latents(self.spec))
+        by_grid = [INITIAL if spread is None else spread * (grid.limit + 0.5) for grid in self.spec.grids]
+        return np.tile(np.float32(by_grid), self.spec.mips).repeat(sizes)
+
     def _launches(self, network_rate: float, loss: TextureLoss, seed: int) -> None:
         net, on_cuda = self.net, self.device.is_cuda
         self.optimizer = Adam(net.master, lr=network_rate * self.schedule.network, beta1=0.9, beta2=0.99)
         sizes = np.array([self.tiles * TILE * TILE])
         self.progress = make_progress(self.optimizer, sizes, 128.0 if on_cuda else 1.0, seed)
         options = make_update(self.optimizer, net.master.size, 1, None, on_cuda)
-        self.batch = TextureBatch(self.spec, self.tiles, self.device)
+        self.batch = TextureBatch(self.spec, self.tiles, self.device, rated=self.rate_weight > 0)
         sample = make_sample(self.spec, self.tiles, net.vec_in)
         kind = FusedCuda if on_cuda else FusedCpu
         common = net, self.optimizer, self.progress, options
@@ -112,7 +122,7 @@ class TextureTrainer:
 
     @rate_weight.setter
     def rate_weight(self, value: float) -> None:
-        self._rate_weight = value
+        self._rate_weight = value  # 0 only from the start
         self.data.rate_weight.assign((value * self.schedule.rate).astype(np.float32))
 
     def run(self, end: int | None = None, quiet: bool = True, watch: Callable[[], None] | None = None) -> None:
