@@ -8,7 +8,7 @@ import warp as wp
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
-from warp_neural.kernels.texture import codes, features, filtering, losses, pages, rate, sample, texel, update
+from warp_neural.kernels.texture import codes, features, filtering, losses, rate, sample, texel, tiles, update
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.rooms import choose_schedule
@@ -53,7 +53,7 @@ def test_decoding_into_memory(tmp_path):
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
     compiles(codes.make_fill_kernel(codes.Codes(8, 16), each, params_type), 90, tmp_path / "fill")
-    compiles(pages.make_tiles_kernel(codes.Codes(8, 8), 64, each, params_type), 90, tmp_path / "tiles")
+    compiles(tiles.make_decode_tiles_kernel(tiles.Tiles(8, 8, 64), each, params_type), 90, tmp_path / "tiles")
 
 
 @pytest.mark.parametrize("arch", [75, 90])
