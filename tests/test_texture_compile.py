@@ -8,11 +8,7 @@ import warp as wp
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
-<<<<<<< HEAD
-from warp_neural.kernels.texture import codes, features, filtering, losses, rate, sample, texel, tiles, update
-=======
-from warp_neural.kernels.texture import features, filtering, filters, losses, rate, sample, texel, update
->>>>>>> filter
+from warp_neural.kernels.texture import codes, features, filtering, filters, losses, rate, sample, texel, tiles, update
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.rooms import choose_schedule
@@ -66,14 +62,9 @@ def test_decoding(arch, tmp_path):
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
     stored = texel.make_stored(each, 8, ((0.0, 1.0, False),) * 7 + ((-4.0, 9.0, True),), params_type)
-<<<<<<< HEAD
-    blended = filtering.make_sample(stored, SPEC, params_type)
-    vec = wp.types.vector(8, float)
-=======
     blended, vec = filtering.make_sample(stored, SPEC, params_type), wp.types.vector(8, float)
     drawn = filtering.make_sampler(stored, filters.gaussian(0.5), SPEC, params_type)
     smooth = filtering.make_sampler(stored, filters.bicubic, SPEC, params_type)
->>>>>>> filter
 
     @wp.kernel(module="unique")
     def kernel(params: params_type, uv: wp.array[wp.vec2], footprint: wp.mat22, random: wp.vec4, y: wp.array2d[vec]):

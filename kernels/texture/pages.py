@@ -33,7 +33,7 @@ class PageParams:
 
 @wp.struct
 class Place:
-    """Row i, column j of a slot, of level `mip`, is the upper left of four texels. x, y: from it to the point, 0 to 1."""
+    """Row i, column j of a slot, of level `mip`, is the upper left of four texels. x, y: from it to the point."""
 
     slot: int
     i: int
