@@ -69,10 +69,10 @@ class VirtualTexture:
         rows, words = self.tiles.shape
         tables, each, least = bytes_of(params), rows * words * 4, min(kept + 1, pages)
         slots = min((budget - tables) // each, pages)
+        self.least = least * each + tables
+        """bytes of the smallest cache"""
         if slots < least:
-            raise InputError(
-                f"budget={budget}: {least} tiles, the least, take {least * each + tables} bytes; give those"
-            )
+            raise InputError(f"budget={budget}: {least} tiles, the least, take {self.least} bytes; give those")
         params.words = wp.zeros((slots * rows, words), dtype=wp.uint32, device=device)
         self.cache = TileCache(pages, slots, kept)
         self._decode(Changes(np.arange(kept), np.arange(kept), np.full(kept, -1), 0))
