@@ -27,6 +27,8 @@ from warp_neural.kernels.training.taped_update import make_update_kernel
 from warp_neural.kernels.training.update import make_fused_update_kernel
 from warp_neural.samples.neural_texture.step_01_latent_texture import make_loss_kernel
 from warp_neural.samples.neural_texture.texture import Texture
+from warp_neural.samples.textured_scene.fetch import fetch_picture, vec7
+from warp_neural.samples.textured_scene.scene import make_render_kernel
 from warp_neural.texture.maps import TextureSet
 from warp_neural.texture.state import Map
 
@@ -42,6 +44,8 @@ MODULES = [
     "warp_neural.samples.neural_texture.step_05_straight_through",
     "warp_neural.samples.neural_texture.step_06_rate",
     "warp_neural.samples.neural_texture.step_07_context",
+    "warp_neural.samples.textured_scene.scene",
+    "warp_neural.samples.textured_scene.temporal",
 ]
 
 
@@ -56,6 +60,12 @@ def test_a_read_of_a_grid_compiles_for_hopper(tmp_path):
     maps, values = (Map("height", "linear", (0.0,), (1.0,)),), np.zeros((16, 16, 1), np.float32)
     texture = Texture((Grid(4, 4),), TextureSet("", maps, (values,)), 0, wp.get_device("cpu"))
     (artifact,) = wp.compile_aot_module(make_loss_kernel(texture).module, arch=90, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
+def test_a_scene_compiles_for_hopper(tmp_path):
+    kernel = make_render_kernel(fetch_picture, wp.array2d[vec7])
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
 
 

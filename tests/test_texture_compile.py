@@ -8,7 +8,7 @@ import warp as wp
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
-from warp_neural.kernels.texture import codes, features, filtering, losses, pages, rate, sample, texel, update
+from warp_neural.kernels.texture import codes, features, filtering, filters, losses, rate, sample, texel, tiles, update
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.rooms import choose_schedule
@@ -53,7 +53,7 @@ def test_decoding_into_memory(tmp_path):
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
     compiles(codes.make_fill_kernel(codes.Codes(8, 16), each, params_type), 90, tmp_path / "fill")
-    compiles(pages.make_tiles_kernel(codes.Codes(8, 8), 64, each, params_type), 90, tmp_path / "tiles")
+    compiles(tiles.make_decode_tiles_kernel(tiles.Tiles(8, 8, 64), each, params_type), 90, tmp_path / "tiles")
 
 
 @pytest.mark.parametrize("arch", [75, 90])
@@ -62,12 +62,15 @@ def test_decoding(arch, tmp_path):
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
     stored = texel.make_stored(each, 8, ((0.0, 1.0, False),) * 7 + ((-4.0, 9.0, True),), params_type)
-    blended = filtering.make_sample(stored, SPEC, params_type)
-    vec = wp.types.vector(8, float)
+    blended, vec = filtering.make_sample(stored, SPEC, params_type), wp.types.vector(8, float)
+    drawn = filtering.make_sampler(stored, filters.gaussian(0.5), SPEC, params_type)
+    smooth = filtering.make_sampler(stored, filters.bicubic, SPEC, params_type)
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def kernel(params: params_type, uv: wp.array[wp.vec2], y: wp.array[vec]):
+    @wp.kernel(module="unique")
+    def kernel(params: params_type, uv: wp.array[wp.vec2], footprint: wp.mat22, random: wp.vec4, y: wp.array2d[vec]):
         i = wp.tid()
-        y[i] = blended(params, uv[i], 0.5)
+        y[0, i] = blended(params, uv[i], 0.5)
+        y[1, i] = drawn(params, uv[i], footprint, random)
+        y[2, i] = smooth(params, uv[i], footprint, random)
 
     compiles(kernel, arch, tmp_path)

@@ -28,7 +28,7 @@ def module(tmp_path_factory):
     path.write_text("\n".join(re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        spec = importlib.util.spec_from_file_location("program", path)
+        spec = importlib.util.spec_from_file_location("program_of_textures", path)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
     return module

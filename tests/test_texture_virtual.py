@@ -1,11 +1,11 @@
 """Textures on feedback: a bounded cache of tiles without holes, stale tiles or any use that a plain model has not."""
 
-from collections import OrderedDict
 from functools import cache
 
 import numpy as np
 import pytest
 import warp as wp
+from test_tile_cache import Model
 from texture_maps import (
     MAPS,
     make_samples_kernel,
@@ -18,9 +18,10 @@ from texture_maps import (
 )
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.texture.pages import PageParams, make_find
+from warp_neural.imaging.block_encoders import encode_blocks
+from warp_neural.kernels.texture.pages import PageParams, make_find, update_slots_kernel
+from warp_neural.kernels.texture.tiles import make_encode_tiles_kernel
 from warp_neural.texture.loaded import CodedMaps
-from warp_neural.texture.tile_cache import TileCache
 from warp_neural.texture.virtual import VirtualTexture, mip_of
 
 MIPS, TILE = 6, 8
@@ -33,63 +34,9 @@ def texture(device):
     return make_texture(device, height=84, width=140, mips=MIPS, maps=FEW)
 
 
-class Model:
-    """Least recently used, one page after the other."""
-
-    def __init__(self, slots, kept):
-        self.slots, self.kept, self.pages = slots - kept, set(range(kept)), OrderedDict()
-
-    def there(self, page):
-        return page in self.kept or page in self.pages
-
-    def want(self, pages, most):
-        """(misses, decoded, evicted)"""
-        pages = [page for page in pages if page not in self.kept]
-        missing = [page for page in pages if page not in self.pages]
-        for page in pages[::-1]:
-            if page in self.pages:
-                self.pages.move_to_end(page)
-        chosen, evicted = pages[: self.slots], []
-        decoded = [page for page in missing if page in chosen][:most]
-        room = self.slots - len(self.pages)
-        for _page in decoded[room:]:
-            evicted.append(next(page for page in self.pages if page not in chosen))
-            del self.pages[evicted[-1]]
-        for page in decoded[::-1]:
-            self.pages[page] = None
-        return len(missing), decoded, evicted
-
-
-@pytest.mark.parametrize("most", [None, 3])
-def test_the_cache_is_that_of_a_plain_model(most):
-    rng, model, cache_ = np.random.default_rng(1), Model(12, 3), TileCache(60, 12, 3)
-    seen = set()
-    for step in range(300):
-        pages = np.sort(rng.choice(60, rng.integers(0, 20 if step % 3 else 5), replace=False))
-        misses, decoded, evicted = model.want(list(pages), most)
-        changes = cache_.want(pages, most)
-        assert (changes.misses, list(changes.pages)) == (misses, decoded)
-        assert list(changes.left[changes.left >= 0]) == evicted
-        there = np.flatnonzero(cache_.slot_of >= 0)
-        assert set(there) == model.kept | set(model.pages)
-        assert (cache_.page_of[cache_.slot_of[there]] == there).all()
-        seen.add((len(decoded) < misses, len(evicted) > 0))
-    assert {(False, False), (False, True), (True, True)} <= seen
-
-
-def test_if_not_all_fits_the_coarsest_are_there_and_stay():
-    """Whatever was there before."""
-    cache_ = TileCache(60, 12, 3)
-    cache_.want(np.arange(30, 50))
-    cache_.want(np.arange(5, 25), most=4)
-    changes = [cache_.want(np.arange(5, 25)) for _ in range(2)][-1]
-    assert list(np.flatnonzero(cache_.slot_of >= 0)) == [0, 1, 2, *range(5, 14)]
-    assert changes.misses == 11 and len(changes.pages) == 0
-
-
 def tiles_of(texture, virtual):
     """Of pages in memory, what they hold and what they must, as words."""
-    coded = CodedMaps(texture, virtual.codes.bits)
+    coded = CodedMaps(texture, virtual.tiles.bits)
     words, held, spec, side = coded.params.words.numpy(), virtual.params.words.numpy(), texture.state.spec, TILE + 1
     starts = coded.params.levels.texels.numpy()
     levels = [words[starts[m] :][: np.prod(spec.size(m))].reshape(*spec.size(m), -1) for m in range(MIPS)]
@@ -131,6 +78,25 @@ def memory_of(params):
     return [params.words], [params.slots, params.wanted, params.first, params.columns, *flat]
 
 
+def test_tiles_in_blocks_are_those_of_an_encoder_of_files(texture, device):
+    virtual = VirtualTexture(texture, budget=10**6, tile=TILE, bits=4)
+    points = random_points(np.random.default_rng(2), 4000, MIPS)
+    found = warm(virtual, points, device)
+    plain = VirtualTexture(texture, budget=10**6, tile=TILE)
+    assert 0.4 < virtual.params.words.size / plain.params.words.size * (9 / 12) ** 2 * 8 / 7 < 0.6
+    expected = samples(CodedMaps(texture), points, N, device)
+    assert 0 < np.abs(found - expected).max() <= 0.5 / 7 + 1 / 255 and np.abs(found - expected).mean() < 0.01
+    words, side, spec = virtual.params.words.numpy(), TILE + 4, texture.state.spec
+    for page in np.flatnonzero(virtual.cache.slot_of >= 0)[::7]:
+        mip = mip_of(virtual.first, np.array([page]))[0]
+        row, column = np.divmod(page - virtual.first[mip], -(-spec.size(mip)[1] // TILE))
+        rows, columns = ((TILE * k + np.arange(side)) % n for k, n in zip((row, column), spec.size(mip), strict=True))
+        values = decoded_levels(texture)[mip][rows[:, None], columns]
+        held = words.reshape(-1, side**2 // 16, N, 2)[virtual.cache.slot_of[page]]
+        for c in range(N):
+            assert encode_blocks(values[..., c : c + 1], "bc4") == held[:, c].tobytes()
+
+
 @cache
 def find_kernel():
     find = make_find(TILE)
@@ -139,7 +105,7 @@ def find_kernel():
     def kernel(params: PageParams, points: wp.array[wp.vec3], found: wp.array2d[int]):
         n = wp.tid()
         place = find(params, wp.vec2(points[n][0], points[n][1]), int(points[n][2]))
-        found[n, 0] = place.at
+        found[n, 0] = place.slot
         found[n, 1] = place.mip
 
     return kernel
@@ -185,9 +151,9 @@ def test_under_pressure_there_is_no_hole_no_stale_tile_and_no_other_use(texture,
         inputs = [virtual.params, wp.array(np.maximum(points, 0), dtype=wp.vec3, device=device), found]
         wp.launch(find_kernel(), len(points), inputs, device=device)
         virtual.params.wanted.zero_()
-        at, mip = found.numpy().T
-        assert at.min() >= 0 and at.max() < virtual.params.words.shape[0]
-        pages = virtual.cache.page_of[at // (TILE + 1) ** 2]
+        slots, mip = found.numpy().T
+        assert slots.min() >= 0
+        pages = virtual.cache.page_of[slots]
         assert (pages >= 0).all() and (mip_of(virtual.first, pages) == mip).all()
         evictions += update.evictions
         coarser += sum(m > mip for mip, m in read)
@@ -252,7 +218,10 @@ def test_a_texture_without_mips_is_there_as_a_whole(device):
     assert virtual.update().misses == 0
 
 
-@pytest.mark.parametrize(("options", "message"), [({"tile": 4}, "tile=4"), ({"bits": 4}, "bits=4")])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"tile": 4}, "tile=4"), ({"tile": 18}, "tile=18: expected a multiple of 4"), ({"bits": 5}, "bits=5")],
+)
 def test_bad_options_are_refused(texture, options, message):
     with pytest.raises(InputError, match=message):
         VirtualTexture(texture, budget=10**6, **options)
@@ -260,7 +229,10 @@ def test_bad_options_are_refused(texture, options, message):
 
 def test_compiles_for_hopper(texture, tmp_path):
     virtual = VirtualTexture(texture, budget=10**6, tile=TILE)
-    for make, function in ((make_samples_kernel, virtual.sample), (make_texels_kernel, virtual.texel)):
-        kernel = make(function, virtual.Params, N)
+    blocks = VirtualTexture(texture, budget=10**6, tile=TILE, bits=4)
+    kernels = [make_samples_kernel(each.sample, each.Params, N) for each in (virtual, blocks)]
+    kernels += [make_texels_kernel(virtual.texel, virtual.Params, N)]
+    kernels += [make_encode_tiles_kernel(blocks.tiles), update_slots_kernel]
+    for kernel in kernels:
         (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path / kernel.key)
         assert artifact.stat().st_size > 0

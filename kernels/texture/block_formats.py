@@ -156,6 +156,16 @@ def bc7_weight(low: wp.uint64, high: wp.uint64, start: int, bits: int, texel: in
 
 
 @wp.func
+def rotated(colour: wp.vec4i, rotation: int) -> wp.vec4i:
+    """Alpha in place of red, green or blue: 1, 2 or 3."""
+    result = wp.vec4i(colour)
+    if rotation > 0:
+        result[rotation - 1] = colour[3]
+        result[3] = colour[rotation - 1]
+    return result
+
+
+@wp.func
 def bc7_colour(low: wp.uint64, high: wp.uint64, texel: int) -> wp.vec4i:
     """Of the two halves of a block; 0 where the format says that no mode is."""
     mode = int(0)
@@ -192,11 +202,7 @@ def bc7_colour(low: wp.uint64, high: wp.uint64, texel: int) -> wp.vec4i:
         ends = bc7_ends(low, high, mode, at, subset, channel)
         w = wp.where(channel == 3, alpha_weight, weight)
         colour[channel] = ((64 - w) * ends[0] + w * ends[1] + 32) >> 6
-    if rotation > 0:
-        alpha = colour[3]
-        colour[3] = colour[rotation - 1]
-        colour[rotation - 1] = alpha
-    return colour
+    return rotated(colour, rotation)
 
 
 @wp.func

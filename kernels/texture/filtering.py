@@ -97,4 +97,8 @@ def make_sampler(texel: wp.Function, filter: wp.Function, spec: TextureSpec, par
         row, column = filter(at[1] * float(size[0]), random[1]), filter(at[0] * float(size[1]), random[0])
         return texel(params, row, column, mip)
 
+    @wp.func_grad(sample)
+    def adj_sample(params: params_type, uv: wp.vec2, footprint: wp.mat22, random: wp.vec4, adj_ret: vec):
+        pass  # Warp's own would compile the network's adjoint for nothing
+
     return sample

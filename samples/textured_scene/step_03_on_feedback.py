@@ -79,8 +79,9 @@ def main(config: FeedbackConfig) -> dict:
         pictures[name], metrics[f"milliseconds_{name}"] = render_frames(renderer_of(maps, config), config.frames)
         metrics[f"bytes_{name}"] = maps.bytes
     budget, updates = config.budget or needed(texture, config), {}
+    least = VirtualTexture(texture, budget, config.tile).least
     for name, share in (("on_feedback", 1), ("under_pressure", 4)):
-        virtual = VirtualTexture(texture, budget // share, config.tile)
+        virtual = VirtualTexture(texture, max(budget // share, least), config.tile)
         pictures[name], costs, updates[name] = run(virtual, config)
         metrics |= {f"{cost}_{name}": value for cost, value in costs.items()} | {f"bytes_{name}": virtual.bytes}
         if share == 1:
