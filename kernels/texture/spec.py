@@ -13,6 +13,7 @@ from warp_neural.kernels.errors import require, require_whole
 
 LARGEST_SIDE = 16384
 LARGEST_CHANNELS = 16
+BLOCK_CHANNELS = 3  # of a texture of BC1 blocks
 TAPS = 4  # latents of the cell, of the next to the right, of the next below, of the one right and below
 KERNELS = ("learned", "separable", "bilinear")
 
@@ -49,35 +50,24 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class TextureSpec:
+class TextureSize:
     """height, width: of mip 0, in texels. channels: that the network has as results, 1 to 16. mips: levels that the
-    texture holds, each half as large as the one before, rounded down. grids: from fine to coarse. hidden: neurons of
-    the hidden layers."""
+    texture holds, each half as large as the one before, rounded down."""
 
     height: int
     width: int
     channels: int
     mips: int
-    grids: tuple[Grid, ...]
-    hidden: tuple[int, ...] = (64, 64)
 
     def __post_init__(self) -> None:
         require_whole("height", self.height, 1, LARGEST_SIDE)
         require_whole("width", self.width, 1, LARGEST_SIDE)
         require_whole("channels", self.channels, 1, LARGEST_CHANNELS)
         require_whole("mips", self.mips, 1, max(self.height, self.width).bit_length())
-        scales = [grid.scale for grid in self.grids]
-        rising = bool(scales) and len(scales) <= 8 and scales == sorted(set(scales))
-        require(rising, "grids: scales", scales, "1 to 8 grids, each coarser than the one before")
         for width in self.hidden:
             require_whole("hidden", width, 1, 256)
         require_whole("hidden layers", len(self.hidden), 1, 8)
         require_whole("network inputs", self.n_in, 1, 256)
-
-    @property
-    def n_in(self) -> int:
-        """The channels of all grids, and the level of detail if there are mips."""
-        return sum(grid.channels for grid in self.grids) + (self.mips > 1)
 
     @property
     def layers(self) -> tuple[tuple[int, int], ...]:
@@ -89,10 +79,38 @@ class TextureSpec:
         """(height, width) of a level, in texels."""
         return max(self.height >> mip, 1), max(self.width >> mip, 1)
 
+    @property
+    def all_sizes(self) -> list[tuple[int, int]]:
+        return [self.size(mip) for mip in range(self.mips)]
+
+
+@dataclass(frozen=True)
+class TextureSpec(TextureSize):
+    """grids: from fine to coarse. hidden: neurons of the hidden layers."""
+
+    grids: tuple[Grid, ...]
+    hidden: tuple[int, ...] = (64, 64)
+
+    def __post_init__(self) -> None:
+        scales = [grid.scale for grid in self.grids]
+        rising = bool(scales) and len(scales) <= 8 and scales == sorted(set(scales))
+        require(rising, "grids: scales", scales, "1 to 8 grids, each coarser than the one before")
+        super().__post_init__()
+
+    @property
+    def n_in(self) -> int:
+        """The channels of all grids, and the level of detail if there are mips."""
+        return sum(grid.channels for grid in self.grids) + (self.mips > 1)
+
+    @property
+    def period(self) -> int:
+        """Texels of a cell of the coarsest grid, in whole ones of which all grids wrap and tiles begin."""
+        return self.grids[-1].scale
+
     def cells(self, mip: int, grid: int) -> tuple[int, int]:
         """(rows, columns) of a grid of a level, whole cells of the coarsest grid, where all grids wrap."""
-        coarsest, scale = self.grids[-1].scale, self.grids[grid].scale
-        rows, columns = (-(-side // coarsest) * coarsest // scale for side in self.size(mip))
+        scale = self.grids[grid].scale
+        rows, columns = (-(-side // self.period) * self.period // scale for side in self.size(mip))
         return rows, columns
 
     @property
@@ -111,6 +129,61 @@ class TextureSpec:
                 shapes[f"kernel_{g}"] = grid.channels, grid.scale, grid.scale, TAPS
             elif grid.kernel == "separable":
                 shapes |= dict.fromkeys((f"kernel_{g}_y", f"kernel_{g}_x"), (grid.channels, grid.scale, 2))
-        for l, (n_out, n_in) in enumerate(self.layers):
-            shapes |= {f"weights_{l}": (n_out, n_in), f"biases_{l}": (n_out,)}
-        return shapes
+        return shapes | layer_shapes(self.layers)
+
+
+@dataclass(frozen=True)
+class BlockSpec(TextureSize):
+    """A texture whose latents are themselves textures, with mip levels, of BC1 blocks: three channels in 4 bits, read
+    by the bilinear filter of GPUs at the texel's place; no kernels.
+
+    scales: texels of a latent, each way, of each latent texture; the sides of mip 0 are multiples of these.
+    """
+
+    scales: tuple[int, ...]
+    hidden: tuple[int, ...] = (64, 64)
+
+    def __post_init__(self) -> None:
+        require(0 < len(self.scales) <= 8, "scales", self.scales, "1 to 8 latent textures")
+        for scale in self.scales:
+            require(scale in (1, 2, 4, 8), "scale", scale, "1, 2, 4 or 8")
+            whole = self.height % scale == self.width % scale == 0
+            require(whole, "size", (self.height, self.width), f"sides that are multiples of {scale}; resize the maps")
+        super().__post_init__()
+
+    @property
+    def n_in(self) -> int:
+        """The channels of all latent textures, and the level of detail if there are mips."""
+        return BLOCK_CHANNELS * len(self.scales) + (self.mips > 1)
+
+    @property
+    def period(self) -> int:
+        return 1
+
+    def latents(self, mip: int, g: int) -> tuple[int, int]:
+        """(rows, columns) of a latent texture's level."""
+        scale = self.scales[g]
+        return max(self.height // scale >> mip, 1), max(self.width // scale >> mip, 1)
+
+    def blocks(self, mip: int, g: int) -> tuple[int, int]:
+        """(rows, columns) of its blocks."""
+        rows, columns = self.latents(mip, g)
+        return -(-rows // 4), -(-columns // 4)
+
+    @property
+    def resident_bits(self) -> float:
+        """Of the blocks of all levels, a texel of mip 0."""
+        blocks = sum(prod(self.blocks(m, g)) for m in range(self.mips) for g in range(len(self.scales)))
+        return 64 * blocks / (self.height * self.width)
+
+    @property
+    def tensors(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of the network's parameters, by name."""
+        return layer_shapes(self.layers)
+
+
+def layer_shapes(layers: tuple[tuple[int, int], ...]) -> dict[str, tuple[int, ...]]:
+    shapes = {}
+    for l, (n_out, n_in) in enumerate(layers):
+        shapes |= {f"weights_{l}": (n_out, n_in), f"biases_{l}": (n_out,)}
+    return shapes

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from math import ceil
+from typing import Any
 
 import warp as wp
 
@@ -16,7 +17,7 @@ from warp_neural.kernels.texture.features import (
 )
 from warp_neural.kernels.texture.levels import TILE, TextureData
 from warp_neural.kernels.texture.rate import make_rate_kernel
-from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.spec import BlockSpec, TextureSpec
 from warp_neural.kernels.texture.update import make_latents_kernel
 from warp_neural.kernels.training.progress import Progress
 
@@ -50,8 +51,6 @@ class GridLaunches:
             dim = self.tiles * kernel_parts(self.scale), self.scale, self.scale, self.channels
             arguments = [data, self.noisy, self.encoded]
             wp.launch(self.taps_kernel, dim, arguments, device=self.encoded.device, record_tape=False)
-
-    def rate(self, progress: Progress, data: TextureData) -> None:
         if self.rate_kernel:
             self.launch(self.rate_kernel, (self.cells, self.channels), [progress, data, self.tiles, self.noisy])
 
@@ -62,16 +61,24 @@ class GridLaunches:
         wp.launch(kernel, (self.tiles, *dim), arguments, device=self.encoded.device, record_tape=False)
 
 
-class TextureBatch:
-    """`values` [texels of a step, n_in]: the network's inputs, after its kernel the gradients to them. Stands in for
+class Batch:
+    """`values` [texels of a step, n_in]: the network's inputs, after its kernel the gradients to them. grids: each
+    makes some columns of it and takes the gradients to these; `make(g, values)` of each g below `count`. Stands in for
     `warp_neural.train.encoded_batch.EncodedBatch`."""
 
     used, aside = True, None
 
-    def __init__(self, spec: TextureSpec, tiles: int, device: wp.Device, rated: bool = True):
+    def __init__(
+        self,
+        spec: TextureSpec | BlockSpec,
+        tiles: int,
+        device: wp.Device,
+        make: Callable[[int, wp.array], Any],
+        count: int,
+    ):
         dtype = wp.float16 if device.is_cuda else wp.float32
         self.values = wp.zeros((tiles * TILE * TILE, spec.n_in), dtype=dtype, device=device)
-        self.grids = [GridLaunches(spec, g, tiles, self.values, rated) for g in range(len(spec.grids))]
+        self.grids = [make(g, self.values) for g in range(count)]
         wp.force_load(device, [kernel.module for grid in self.grids for kernel in grid.kernels])  # side by side
         self.streams = [wp.Stream(device) if device.is_cuda else None for _ in self.grids]
 
@@ -81,12 +88,12 @@ class TextureBatch:
 
     def adjoint(self, inputs: list) -> None:
         progress, data = inputs[2], inputs[1]
-        self.side_by_side(lambda grid: (grid.adjoint(progress, data), grid.rate(progress, data)))
+        self.side_by_side(lambda grid: grid.adjoint(progress, data))
 
     def update(self, progress: Progress, data: TextureData, share: float) -> None:
         self.side_by_side(lambda grid: grid.update(progress, data, share))
 
-    def side_by_side(self, launch: Callable[[GridLaunches], None]) -> None:
+    def side_by_side(self, launch: Callable[[Any], None]) -> None:
         """For each grid, on a stream of its own: each alone leaves most of the device idle."""
         for grid, stream in zip(self.grids, self.streams, strict=True):
             with wp.ScopedStream(stream):

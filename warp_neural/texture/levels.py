@@ -6,21 +6,22 @@ import numpy as np
 import warp as wp
 
 from warp_neural.kernels.texture.levels import TILE, Levels
-from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.spec import BlockSpec, TextureSpec
 
 COARSER = (
     1.4  # of the weight of bits in all levels but the finest: at 1 the finest is 0.05 to 0.2 dB lower at equal bits
 )
 
 
-def make_levels(spec: TextureSpec, device: wp.Device) -> Levels:
-    """Level by level, grid by grid."""
-    cells = np.array([[spec.cells(m, g) for g in range(len(spec.grids))] for m in range(spec.mips)])  # [m, g, 2]
-    sizes = np.array([spec.size(m) for m in range(spec.mips)])
+def make_levels(spec: TextureSpec | BlockSpec, device: wp.Device) -> Levels:
+    """Level by level; what is by grid too only where there are grids."""
+    sizes = np.array(spec.all_sizes)
     levels = Levels()
-    levels.first = wp.array(first_latents(spec)[:-1].reshape(cells.shape[:2]), dtype=int, device=device)
-    levels.rows = wp.array(cells[..., 0], dtype=int, device=device)
-    levels.columns = wp.array(cells[..., 1], dtype=int, device=device)
+    if isinstance(spec, TextureSpec):
+        cells = np.array([[spec.cells(m, g) for g in range(len(spec.grids))] for m in range(spec.mips)])  # [m, g, 2]
+        levels.first = wp.array(first_latents(spec)[:-1].reshape(cells.shape[:2]), dtype=int, device=device)
+        levels.rows = wp.array(cells[..., 0], dtype=int, device=device)
+        levels.columns = wp.array(cells[..., 1], dtype=int, device=device)
     levels.texels = wp.array(np.cumsum([0, *sizes.prod(1)[:-1]]), dtype=int, device=device)
     levels.sizes = wp.array(sizes, dtype=wp.vec2i, device=device)
     levels.padded = wp.array(padded_sizes(spec), dtype=wp.vec2i, device=device)
@@ -35,11 +36,9 @@ def first_latents(spec: TextureSpec) -> np.ndarray:
     return np.cumsum([0, *counts])
 
 
-def padded_sizes(spec: TextureSpec) -> np.ndarray:
+def padded_sizes(spec: TextureSpec | BlockSpec) -> np.ndarray:
     """Texels of each level in whole cells of the coarsest grid. [mips, 2]"""
-    coarsest = len(spec.grids) - 1
-    scale = spec.grids[coarsest].scale
-    return np.array([spec.cells(m, coarsest) for m in range(spec.mips)]) * scale
+    return -(-np.array(spec.all_sizes) // spec.period) * spec.period
 
 
 def split_latents(spec: TextureSpec, flat: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
@@ -51,7 +50,7 @@ def split_latents(spec: TextureSpec, flat: np.ndarray) -> tuple[tuple[np.ndarray
     )
 
 
-def tiles_of(spec: TextureSpec, level: int, offset: Sequence[int] = (0, 0)) -> np.ndarray:
+def tiles_of(spec: TextureSpec | BlockSpec, level: int, offset: Sequence[int] = (0, 0)) -> np.ndarray:
     """(level, row, column) of the tiles that cover a level. [tiles, 3]"""
     sides = zip(padded_sizes(spec)[level], offset, strict=True)
     rows, columns = (np.arange(-(-side // TILE)) * TILE + first for side, first in sides)
@@ -60,9 +59,9 @@ def tiles_of(spec: TextureSpec, level: int, offset: Sequence[int] = (0, 0)) -> n
     return grid
 
 
-def tile_order(spec: TextureSpec, count: int, random: np.random.Generator) -> np.ndarray:
+def tile_order(spec: TextureSpec | BlockSpec, count: int, random: np.random.Generator) -> np.ndarray:
     """All tiles of all levels in random order, again and again, each time from other places. [count, 3]"""
-    scale, rounds, total = spec.grids[-1].scale, [], 0
+    scale, rounds, total = spec.period, [], 0
     while total < count:
         offsets = random.integers(0, TILE // scale, (spec.mips, 2)) * scale
         tiles = np.concatenate([tiles_of(spec, m, offsets[m]) for m in range(spec.mips)])
@@ -71,6 +70,6 @@ def tile_order(spec: TextureSpec, count: int, random: np.random.Generator) -> np
     return np.concatenate(rounds)[:count].astype(np.int32)
 
 
-def all_tiles(spec: TextureSpec) -> int:
+def all_tiles(spec: TextureSpec | BlockSpec) -> int:
     """Of all levels."""
     return sum(len(tiles_of(spec, m)) for m in range(spec.mips))

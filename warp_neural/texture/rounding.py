@@ -43,7 +43,11 @@ def tensors_of(
         if name.startswith("kernel"):
             values = np.moveaxis(kernels[place.start : place.end].reshape(place.shape), -1, 0)
             tensors[name] = integers(values, steps[place.start])
-    at = 0
+    return tensors | network_tensors(net, steps_of_net)
+
+
+def network_tensors(net: MLP, steps_of_net: np.ndarray) -> dict[str, Tensor]:
+    tensors, at = {}, 0
     for l, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
         tensors[f"weights_{l}"] = integers(w, steps_of_net[at])
         tensors[f"biases_{l}"] = integers(b, steps_of_net[at + w.size])
