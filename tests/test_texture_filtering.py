@@ -9,6 +9,7 @@ import reference_texture
 import warp as wp
 
 import warp_neural as wn
+from warp_neural.errors import InputError
 from warp_neural.kernels.texture.filters import ellipse
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.texture.state import Map, Tensor, TextureState
@@ -193,3 +194,15 @@ def test_exact_filtering_and_its_gradients(texture):
     for found, step in zip(gradients, 1e-6 * np.eye(3), strict=True):
         expected = ((truth(*step) - truth(*-step)) / 2e-6 * adjoint).sum(-1)
         np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("filter", ["bicubic", filters.gaussian])
+def test_what_is_no_filter_is_refused(filter):
+    with pytest.raises(InputError, match=r"^filter=.*: expected nearest, bilinear, bicubic, gaussian\(sigma\)"):
+        Texture(random_state(SPEC), "cpu").make_sampler(filter)
+
+
+@pytest.mark.parametrize("sigma", [0, -1.0, float("nan"), "wide"])
+def test_bad_deviations_are_refused(sigma):
+    with pytest.raises(InputError, match=r"^sigma=.*: expected a positive number of texels"):
+        filters.gaussian(sigma)

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from warp_neural.kernels.errors import require
 from warp_neural.kernels.texture.filters import ellipse
 from warp_neural.kernels.texture.levels import Levels
 from warp_neural.kernels.texture.spec import TextureSpec
@@ -84,8 +85,12 @@ def make_sampler(texel: wp.Function, filter: wp.Function, spec: TextureSpec, par
     """`(params, uv, footprint, random) -> vec`: one texel, and one evaluation of the network, by chance.
 
     filter: of `kernels.texture.filters`. footprint: as `ellipse` has it. random: four numbers in [0, 1), for the
-    texel across and down, the level, and the place on the line. No gradients: which texel it is has none.
+    texel across and down, the level, and the place on the line. No gradients: which texel it is has none. Raises
+    `InputError` for a filter that is no `wp.Function`.
     """
+    require(
+        isinstance(filter, wp.Function), "filter", filter, "nearest, bilinear, bicubic, gaussian(sigma) or a @wp.func"
+    )
     vec, last = wp.types.vector(spec.channels, float), spec.mips - 1
 
     @wp.func

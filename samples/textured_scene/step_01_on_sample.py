@@ -10,7 +10,13 @@ and smooths outlines too, as each frame's rays are moved by a part of a pixel; t
 
 The camera moves slowly. Boiling is the deviation, over frames, of each pixel's error, so the picture's own motion does
 not count; in 255ths of what is displayed, its root mean square. FLIP is that of the last frame. The reference has 64
-rays a pixel into the texture's finest level.
+rays a pixel into the texture's finest level. Expect, in 40 s on one CPU core and as long for compiling and training:
+
+                  boiling, alone, accumulated     FLIP, alone, accumulated     ms a frame
+    exact                  2.8            2.7           0.049        0.024            580
+    bilinear               6.6            2.8           0.055        0.026             90
+    bicubic                7.2            2.8           0.058        0.027            100
+    gaussian               7.2            2.8           0.058        0.027            110
 """
 
 import time
