@@ -107,3 +107,16 @@ def test_textures_of_other_maps_are_refused(tmp_path):
         step_01_on_sample.main(config)
     with pytest.raises(InputError, match="no such file"):
         step_01_on_sample.main(step_01_on_sample.Config(device="cpu", out=tmp_path, texture=Path("missing.wntc")))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 50}, "--steps 50: give 100 to"),
+        ({"width": 8}, "--width 8: give"),
+        ({"frames": 7}, "--frames 7: give"),
+    ],
+)
+def test_bad_options(options, message):
+    with pytest.raises(InputError, match=message):
+        step_01_on_sample.Config(device="cpu", **options)

@@ -21,13 +21,14 @@ rays a pixel into the texture's finest level. Expect, in 40 s on one CPU core an
 
 import time
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
 import warp_neural as wn
 from warp_neural import cli
-from warp_neural.cli import Count
+from warp_neural.cli import Between
 from warp_neural.samples.figures import save_figure, show
 from warp_neural.samples.textured_scene.fetch import fetch_picture, make_exact_fetch, picture_of, vec7
 from warp_neural.samples.textured_scene.scene import Renderer, camera_at, to_8_bit
@@ -45,7 +46,7 @@ SHARE = 0.25  # of a pixel's sides, that textures are filtered by in frames that
 
 @dataclass(frozen=True, kw_only=True)
 class Config(SceneConfig):
-    frames: Count = 24
+    frames: Annotated[int, Between(MEASURED, 10**5)] = 24
     """of the moving camera; the last eight are measured"""
 
 
@@ -88,7 +89,7 @@ def main(config: Config) -> dict:
     device = cli.resolve_device(config.device)
     texture = load_texture(config, device)
     truth = Renderer(fetch_picture, wp.array2d[vec7], picture_of(texture), device, *config.size)
-    measured = range(max(config.frames - MEASURED, 0), config.frames)
+    measured = range(config.frames - MEASURED, config.frames)
     references = [to_8_bit(truth.supersampled(camera_at(frame / RATE), SIDE), device) for frame in measured]
     metrics, pictures = {}, {}
     for name, fetch in fetches(texture).items():
