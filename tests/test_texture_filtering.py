@@ -146,6 +146,14 @@ def test_ends_of_random_numbers_are_read(texture):
     assert np.abs(y.numpy()[:, None] - texels).max(-1).min(1).max() < 1e-3
 
 
+def test_places_that_are_none_read_some_texel(texture):
+    uv, footprints = places()
+    for n, bad in enumerate((np.nan, np.inf, -np.inf, 1e38)):
+        uv[4 * n], footprints[4 * n + 1, 0, 0], footprints[4 * n + 2] = bad, bad, bad
+    y = draw(texture, FILTERS["bicubic"], uv, footprints)
+    assert (y >= 0).all() and (y <= 1).all()
+
+
 def test_ellipses(device):
     @wp.kernel(module="unique", enable_backward=False)
     def kernel(footprint: wp.array[wp.mat22], lod: wp.array[float], line: wp.array[wp.vec2]):

@@ -28,7 +28,7 @@ def tap_of(levels: Levels, uv: wp.vec2, level: float, last: int, k: int) -> Tap:
     """k: 0 to 7; bit 0 is right, bit 1 below, bit 2 the coarser level. last: the coarsest one."""
     right, below, coarser = k % 2, k / 2 % 2, k / 4
     tap = Tap()
-    tap.mip = wp.min(int(level) + coarser, last)
+    tap.mip = wp.clamp(int(level) + coarser, 0, last)  # of NaN too
     size = levels.sizes[tap.mip]
     width, height = float(size[1]), float(size[0])
     x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
@@ -97,7 +97,7 @@ def make_sampler(texel: wp.Function, filter: wp.Function, spec: TextureSpec, par
     def sample(params: params_type, uv: wp.vec2, footprint: wp.mat22, random: wp.vec4) -> vec:
         lod, line = ellipse(footprint, params.levels.sizes[0])
         at = uv + line * (random[3] - 0.5)
-        mip = wp.min(int(wp.min(lod, float(last)) + random[2]), last)  # the coarser one as often as its weight
+        mip = wp.clamp(int(wp.min(lod, float(last)) + random[2]), 0, last)  # the coarser one as often as its weight
         size = params.levels.sizes[mip]
         row, column = filter(at[1] * float(size[0]), random[1]), filter(at[0] * float(size[1]), random[0])
         return texel(params, row, column, mip)
