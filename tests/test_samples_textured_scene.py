@@ -14,17 +14,9 @@ from warp_neural.imaging.image import load_image
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.samples.textured_scene import step_01_on_sample, texture
 from warp_neural.samples.textured_scene.fetch import fetch_picture, vec7
+from warp_neural.samples.textured_scene.geometry import NOWHERE, Camera, intersect, pixel_of, ray_of, uv_along
 from warp_neural.samples.textured_scene.material import tiled_material
-from warp_neural.samples.textured_scene.scene import (
-    NOWHERE,
-    Camera,
-    Renderer,
-    camera_at,
-    intersect,
-    pixel_of,
-    ray_of,
-    uv_along,
-)
+from warp_neural.samples.textured_scene.scene import Renderer, camera_at
 from warp_neural.samples.textured_scene.temporal import Accumulator, jitter_of
 from warp_neural.texture.file import save_state
 
@@ -115,3 +107,16 @@ def test_textures_of_other_maps_are_refused(tmp_path):
         step_01_on_sample.main(config)
     with pytest.raises(InputError, match="no such file"):
         step_01_on_sample.main(step_01_on_sample.Config(device="cpu", out=tmp_path, texture=Path("missing.wntc")))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 50}, "--steps 50: give 100 to"),
+        ({"width": 8}, "--width 8: give"),
+        ({"frames": 7}, "--frames 7: give"),
+    ],
+)
+def test_bad_options(options, message):
+    with pytest.raises(InputError, match=message):
+        step_01_on_sample.Config(device="cpu", **options)

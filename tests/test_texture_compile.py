@@ -56,21 +56,49 @@ def test_decoding_into_memory(tmp_path):
     compiles(tiles.make_decode_tiles_kernel(tiles.Tiles(8, 8, 64), each, params_type), 90, tmp_path / "tiles")
 
 
-@pytest.mark.parametrize("arch", [75, 90])
-def test_decoding(arch, tmp_path):
-    net = MLP(SPEC.n_in, 8, 64, 2, activation=elu, device="cpu")
+def functions(width, depth):
+    """Stored texels, their exact filter, and the type of their parameters."""
+    net = MLP(SPEC.n_in, 8, width, depth, activation=elu, device="cpu")
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
     stored = texel.make_stored(each, 8, ((0.0, 1.0, False),) * 7 + ((-4.0, 9.0, True),), params_type)
-    blended, vec = filtering.make_sample(stored, SPEC, params_type), wp.types.vector(8, float)
-    drawn = filtering.make_sampler(stored, filters.gaussian(0.5), SPEC, params_type)
-    smooth = filtering.make_sampler(stored, filters.bicubic, SPEC, params_type)
+    return stored, filtering.make_sample(stored, SPEC, params_type), params_type
 
-    @wp.kernel(module="unique")
-    def kernel(params: params_type, uv: wp.array[wp.vec2], footprint: wp.mat22, random: wp.vec4, y: wp.array2d[vec]):
+
+@pytest.mark.parametrize("arch", [75, 90])
+def test_decoding(arch, tmp_path):
+    _, blended, params_type = functions(64, 2)
+    vec = wp.types.vector(8, float)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(params: params_type, uv: wp.array[wp.vec2], y: wp.array[vec]):
         i = wp.tid()
-        y[0, i] = blended(params, uv[i], 0.5)
-        y[1, i] = drawn(params, uv[i], footprint, random)
-        y[2, i] = smooth(params, uv[i], footprint, random)
+        y[i] = blended(params, uv[i], 0.5)
 
     compiles(kernel, arch, tmp_path)
+
+
+def test_stochastic_filters(tmp_path):
+    stored, _, params_type = functions(64, 2)
+    read = filtering.make_sampler(stored, filters.gaussian(0.5), SPEC, params_type)
+    vec = wp.types.vector(8, float)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(params: params_type, footprint: wp.mat22, random: wp.array[wp.vec4], y: wp.array[vec]):
+        i = wp.tid()
+        uv = wp.vec2(float(filters.bilinear(1.5, 0.25)), float(filters.bicubic(1.5, 0.25)))
+        y[i] = read(params, uv, footprint, random[i])
+
+    compiles(kernel, 90, tmp_path)
+
+
+def test_gradients_of_filters(tmp_path):
+    _, blended, params_type = functions(16, 1)
+    vec = wp.types.vector(8, float)
+
+    @wp.kernel(module="unique")
+    def kernel(params: params_type, uv: wp.array[wp.vec2], y: wp.array[vec]):
+        i = wp.tid()
+        y[i] = blended(params, uv[i], 0.5)
+
+    compiles(kernel, 90, tmp_path)

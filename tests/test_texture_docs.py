@@ -24,11 +24,11 @@ def module(tmp_path_factory):
     folder = tmp_path_factory.mktemp("docs")
     save_state(folder / "paving.wntc", random_state(PAVING))
     save_state(folder / "wood.wntc", random_state(WOOD))
-    path = folder / "program.py"
+    path = folder / "textures_program.py"
     path.write_text("\n".join(re.findall(r"```python\n(.*?)```", DOCS.read_text(), re.DOTALL)))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        spec = importlib.util.spec_from_file_location("program_of_textures", path)
+        spec = importlib.util.spec_from_file_location("textures_program", path)  # Warp tells modules apart by name
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
     return module

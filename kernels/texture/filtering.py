@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from warp_neural.kernels.errors import require
 from warp_neural.kernels.texture.filters import ellipse
 from warp_neural.kernels.texture.levels import Levels
 from warp_neural.kernels.texture.spec import TextureSpec
@@ -27,7 +28,7 @@ def tap_of(levels: Levels, uv: wp.vec2, level: float, last: int, k: int) -> Tap:
     """k: 0 to 7; bit 0 is right, bit 1 below, bit 2 the coarser level. last: the coarsest one."""
     right, below, coarser = k % 2, k / 2 % 2, k / 4
     tap = Tap()
-    tap.mip = wp.min(int(level) + coarser, last)
+    tap.mip = wp.clamp(int(level) + coarser, 0, last)  # of NaN too
     size = levels.sizes[tap.mip]
     width, height = float(size[1]), float(size[0])
     x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
@@ -84,15 +85,19 @@ def make_sampler(texel: wp.Function, filter: wp.Function, spec: TextureSpec, par
     """`(params, uv, footprint, random) -> vec`: one texel, and one evaluation of the network, by chance.
 
     filter: of `kernels.texture.filters`. footprint: as `ellipse` has it. random: four numbers in [0, 1), for the
-    texel across and down, the level, and the place on the line. No gradients: which texel it is has none.
+    texel across and down, the level, and the place on the line. No gradients: which texel it is has none. Raises
+    `InputError` for a filter that is no `wp.Function`.
     """
+    require(
+        isinstance(filter, wp.Function), "filter", filter, "nearest, bilinear, bicubic, gaussian(sigma) or a @wp.func"
+    )
     vec, last = wp.types.vector(spec.channels, float), spec.mips - 1
 
     @wp.func
     def sample(params: params_type, uv: wp.vec2, footprint: wp.mat22, random: wp.vec4) -> vec:
         lod, line = ellipse(footprint, params.levels.sizes[0])
         at = uv + line * (random[3] - 0.5)
-        mip = wp.min(int(wp.min(lod, float(last)) + random[2]), last)  # the coarser one as often as its weight
+        mip = wp.clamp(int(wp.min(lod, float(last)) + random[2]), 0, last)  # the coarser one as often as its weight
         size = params.levels.sizes[mip]
         row, column = filter(at[1] * float(size[0]), random[1]), filter(at[0] * float(size[1]), random[0])
         return texel(params, row, column, mip)

@@ -10,18 +10,25 @@ and smooths outlines too, as each frame's rays are moved by a part of a pixel; t
 
 The camera moves slowly. Boiling is the deviation, over frames, of each pixel's error, so the picture's own motion does
 not count; in 255ths of what is displayed, its root mean square. FLIP is that of the last frame. The reference has 64
-rays a pixel into the texture's finest level.
+rays a pixel into the texture's finest level. Expect, in 40 s on one CPU core and as long for compiling and training:
+
+                  boiling, alone, accumulated     FLIP, alone, accumulated     ms a frame
+    exact                  2.8            2.7           0.049        0.024            580
+    bilinear               6.6            2.8           0.055        0.026             90
+    bicubic                7.2            2.8           0.058        0.027            100
+    gaussian               7.2            2.8           0.058        0.027            110
 """
 
 import time
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import warp as wp
 
 import warp_neural as wn
 from warp_neural import cli
-from warp_neural.cli import Count
+from warp_neural.cli import Between
 from warp_neural.samples.figures import save_figure, show
 from warp_neural.samples.textured_scene.fetch import fetch_picture, make_exact_fetch, picture_of, vec7
 from warp_neural.samples.textured_scene.scene import Renderer, camera_at, to_8_bit
@@ -39,7 +46,7 @@ SHARE = 0.25  # of a pixel's sides, that textures are filtered by in frames that
 
 @dataclass(frozen=True, kw_only=True)
 class Config(SceneConfig):
-    frames: Count = 24
+    frames: Annotated[int, Between(MEASURED, 10**5)] = 24
     """of the moving camera; the last eight are measured"""
 
 
@@ -82,7 +89,7 @@ def main(config: Config) -> dict:
     device = cli.resolve_device(config.device)
     texture = load_texture(config, device)
     truth = Renderer(fetch_picture, wp.array2d[vec7], picture_of(texture), device, *config.size)
-    measured = range(max(config.frames - MEASURED, 0), config.frames)
+    measured = range(config.frames - MEASURED, config.frames)
     references = [to_8_bit(truth.supersampled(camera_at(frame / RATE), SIDE), device) for frame in measured]
     metrics, pictures = {}, {}
     for name, fetch in fetches(texture).items():

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from warp_neural.samples.textured_scene.scene import Camera, normal_at, pixel_of
+from warp_neural.samples.textured_scene.geometry import Camera, normal_at, pixel_of
 
 FRAMES = wp.constant(8.0)  # of the moving average: later frames weigh 1/8, as much noise is left as of 15
 LARGEST = wp.constant(1.0e30)  # radiance

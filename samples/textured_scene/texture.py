@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import warp as wp
 
 import warp_neural as wn
 from warp_neural import cli
-from warp_neural.cli import CommonConfig, Count, Side
+from warp_neural.cli import Between, CommonConfig
 from warp_neural.errors import InputError
 from warp_neural.samples.textured_scene.fetch import CHANNELS, MAPS
 from warp_neural.samples.textured_scene.material import tiled_material
@@ -26,16 +27,16 @@ class Config(CommonConfig):
     """folder for pictures and files"""
     texture: Path | None = None
     """a .wntc file of albedo, normal and roughness with all their channels; none: tiles, trained first"""
-    steps: Count | None = None
-    """gradient steps of that training, 100 or more; none: 1000 on the CPU, those of a preview on CUDA"""
-    width: Side | None = None
-    """pixels of the picture, half as many and a sixth more are its height; none: 360 on the CPU, 1080 on CUDA"""
+    steps: Annotated[int | None, Between(100, 10**7)] = None
+    """gradient steps of that training; none: 1000 on the CPU, those of a preview on CUDA"""
+    width: Annotated[int | None, Between(16, 4096)] = None
+    """pixels of the picture, whose height is two thirds of it; none: 360 on the CPU, 1080 on CUDA"""
 
     @property
     def size(self) -> tuple[int, int]:
         """(height, width)."""
         width = self.width or (1080 if cli.resolve_device(self.device).is_cuda else 360)
-        return max(width * 2 // 3, 1), width
+        return width * 2 // 3, width
 
 
 def load_texture(config: Config, device: wp.Device) -> Texture:
