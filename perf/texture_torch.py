@@ -19,7 +19,8 @@ from perf.pictures import bars
 from warp_neural.cli import Between, progress, run
 from warp_neural.errors import InputError
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
-from warp_neural.texture.trainer import CHECK, TextureTrainer
+from warp_neural.texture.latent_trainer import CHECK
+from warp_neural.texture.trainer import TextureTrainer
 
 GRIDS = (Grid(2, 12), Grid(4, 16), Grid(8, 12, "separable"), Grid(16, 8, "bilinear"))
 RATE_WEIGHT = 1e-3

@@ -8,8 +8,20 @@ import warp as wp
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
-from warp_neural.kernels.texture import codes, features, filtering, filters, losses, rate, sample, texel, tiles, update
-from warp_neural.kernels.texture.spec import Grid, TextureSpec
+from warp_neural.kernels.texture import (
+    block_steps,
+    codes,
+    features,
+    filtering,
+    filters,
+    losses,
+    rate,
+    sample,
+    texel,
+    tiles,
+    update,
+)
+from warp_neural.kernels.texture.spec import BlockSpec, Grid, TextureSpec
 from warp_neural.kernels.training.fused import make_kernels
 from warp_neural.kernels.training.rooms import choose_schedule
 from warp_neural.kernels.training.update import make_fused_update_kernel
@@ -102,3 +114,11 @@ def test_gradients_of_filters(tmp_path):
         y[i] = blended(params, uv[i], 0.5)
 
     compiles(kernel, 90, tmp_path)
+
+
+def test_blocks(tmp_path):
+    spec, half = BlockSpec(256, 256, 8, 3, (1, 2)), wp.float16
+    kernels = [block_steps.make_unblock_kernel(0), block_steps.make_block_features_kernel(spec, 0, half)]
+    kernels += [block_steps.make_block_adjoint_kernel(spec, 1, half), block_steps.make_block_gradient_kernel(1)]
+    for kernel in [*kernels, block_steps.block_update_kernel]:
+        compiles(kernel, 90, tmp_path)

@@ -58,12 +58,18 @@ def wrapped(i: int, n: int) -> int:
 
 
 @wp.func
+def cyclic(i: int, n: int) -> int:
+    """Any i into 0 to n - 1."""
+    k = i % n
+    return wp.where(k < 0, k + n, k)
+
+
+@wp.func
 def place_of(levels: Levels, i: int, j: int, mip: int) -> wp.vec3i:
     """The nearest level that there is, and row and column in it, which wrap, of any numbers."""
     level = wp.clamp(mip, 0, levels.sizes.shape[0] - 1)
     size = levels.sizes[level]
-    row, column = i % size[0], j % size[1]
-    return wp.vec3i(level, wp.where(row < 0, row + size[0], row), wp.where(column < 0, column + size[1], column))
+    return wp.vec3i(level, cyclic(i, size[0]), cyclic(j, size[1]))
 
 
 @wp.func

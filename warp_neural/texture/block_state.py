@@ -8,7 +8,7 @@ import numpy as np
 
 from warp_neural.errors import InputError
 from warp_neural.kernels.texture.spec import BLOCK_CHANNELS, BlockSpec
-from warp_neural.texture.state import Map, Tensor
+from warp_neural.texture.state import Map, Tensor, check_parts
 
 _INDICES = np.array([0, 2, 3, 1], np.uint32)  # BC1's, from the first end to the second
 _OTHER_WAY = np.array([3, 2, 1, 0])
@@ -50,12 +50,7 @@ class BlockState:
                     raise InputError(
                         f"latent texture {g}, mip {mip}: expected uint32 [{rows * columns}, 2], its blocks"
                     )
-        for name, shape in spec.tensors.items():
-            if name not in self.tensors or self.tensors[name].integers.shape != shape:
-                raise InputError(f"{name}: expected a tensor of shape {shape}")
-        trained = sum(len(each.trained) for each in self.maps)
-        if trained != spec.channels:
-            raise InputError(f"maps: they have {trained} channels that vary, the network has {spec.channels} results")
+        check_parts(spec, self.tensors, self.maps)
 
 
 def to_bc1(parameters: np.ndarray) -> np.ndarray:

@@ -6,30 +6,24 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warp_neural.kernels.texture.block_latents import (
-    BLOCK_CHANNELS,
-    PARAMETERS,
-    STEPS,
-    BlockData,
+from warp_neural.kernels.texture.block_latents import PARAMETERS, STEPS, BlockData, blocks_side, latents_side
+from warp_neural.kernels.texture.block_steps import (
     block_update_kernel,
-    blocks_side,
-    latents_side,
     make_block_adjoint_kernel,
     make_block_features_kernel,
     make_block_gradient_kernel,
     make_unblock_kernel,
 )
 from warp_neural.kernels.texture.levels import TILE, TextureData
-from warp_neural.kernels.texture.spec import BlockSpec
+from warp_neural.kernels.texture.spec import BLOCK_CHANNELS, BlockSpec
 from warp_neural.kernels.training.progress import Progress
 from warp_neural.texture.batch import Batch
 from warp_neural.texture.block_state import BlockLevels, BlockState, to_bc1
 from warp_neural.texture.latent_trainer import LatentTrainer
-from warp_neural.texture.levels import all_tiles
 from warp_neural.texture.rounding import network_tensors
 from warp_neural.texture.state import Map
 
-SPREAD = 0.2  # of ends at the start, around the middle of their range
+APART = 0.2  # deviation of ends at the start, around the middle of their range
 
 
 class BlockLaunches:
@@ -74,7 +68,7 @@ class BlockLaunches:
 
 def _start(blocks: int, random: np.random.Generator) -> np.ndarray:
     """float32 [blocks, 22]: ends apart, indices anywhere."""
-    ends = np.clip(0.5 + SPREAD * random.standard_normal((blocks, 2, BLOCK_CHANNELS)), 0, 1) * np.array(STEPS)
+    ends = np.clip(0.5 + APART * random.standard_normal((blocks, 2, BLOCK_CHANNELS)), 0, 1) * np.array(STEPS)
     indices = 3 * random.random((blocks, 16))
     return np.concatenate([ends.reshape(blocks, -1), indices], 1).astype(np.float32)
 
@@ -89,9 +83,6 @@ class BlockTrainer(LatentTrainer):
             return BlockLaunches(self.spec, g, self.tiles, encoded, random)
 
         return Batch(self.spec, self.tiles, self.device, make, len(self.spec.scales))
-
-    def _move_latents(self) -> None:
-        self.batch.update(self.progress, self.data, self.tiles / all_tiles(self.spec))
 
     def _latent_arrays(self) -> dict[str, wp.array]:
         names = "parameters", "first", "second"

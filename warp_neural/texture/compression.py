@@ -60,9 +60,10 @@ def compress(
     source: what `load_set` takes, a folder, files, arrays or a `Material`, or a `TextureSet`. At most one goal: bpp,
     bits a texel of mip 0 with everything counted; size, in bytes, of the file; psnr, in dB, of mip 0, all channels
     together; or a quality, "medium" if nothing is said. Sizes are met within 3 %, PSNR within 0.1 dB; if not, the
-    metrics' "goal_met" is False. storage: what is to be small. "load", the file, whose latents take about three times
-    as much in memory; "sample", what is in memory while texels are read: latents of 1 or 4 bits each, of which bpp is
-    the most that all may take, "resident_bits" in the metrics what they take; psnr and size are no goals then.
+    metrics' "goal_met" is False. storage: what is to be small. "load", the file, whose latents take a byte each in
+    memory, 14 to 34 bits a texel; "sample", what is in memory while texels are read: latents of 1 or 4 bits each, of
+    which bpp is the most that all may take, "resident_bits" in the metrics what they take; psnr and size are no goals
+    then.
 
     preview: fewer steps. steps: of training, in place of those that device, size and preview lead to. mips: levels in
     the file, those of the source if None. weights: of the errors of maps, by name; 1 if not given. losses: what errors

@@ -1,6 +1,7 @@
 """`LatentTrainer`: latents of any kind and a network, trained on the device alone."""
 
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -28,13 +29,12 @@ CHECK = 32  # steps that are one launch of a CUDA graph
 WINDOW = 128  # steps whose mean loss and bits are told
 
 
-class LatentTrainer:
+class LatentTrainer(ABC):
     """levels: the trained channels of each mip, float32 [height, width, channels], NaN where any value will do; then
     the weights that `loss` takes.
 
     Of a step: `tiles` squares of 32 x 32 texels. latent_rate, network_rate: of Adam at the start. precision: of the
-    file's weights, whose steps are rms / precision. loss: what errors cost. What latents are is for others to say:
-    `_make_latents`, `_move_latents`, `_latent_arrays`.
+    file's weights, whose steps are rms / precision. loss: what errors cost. What latents are, subclasses say.
     """
 
     def __init__(
@@ -79,17 +79,17 @@ class LatentTrainer:
         data.noise_until, data.latents_until = schedule.noise_until, schedule.latents_until
         return data
 
+    @abstractmethod
     def _make_latents(self, random: np.random.Generator) -> Batch:
         """The rest of `data`; returns what makes the network's inputs of it."""
-        raise NotImplementedError
+
+    @abstractmethod
+    def _latent_arrays(self) -> dict[str, wp.array]:
+        """All of latents that changes from step to step."""
 
     def _move_latents(self) -> None:
         """A step of their optimizer."""
-        raise NotImplementedError
-
-    def _latent_arrays(self) -> dict[str, wp.array]:
-        """All of latents that changes from step to step."""
-        raise NotImplementedError
+        self.batch.update(self.progress, self.data, self.tiles / all_tiles(self.spec))
 
     def _launches(self, network_rate: float, loss: TextureLoss, seed: int) -> None:
         net, on_cuda = self.net, self.device.is_cuda

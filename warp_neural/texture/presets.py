@@ -23,8 +23,8 @@ FIXED = {
     6.4375: (Grid(2, 10, bits=1), Grid(4, 32, bits=1), Grid(8, 28, bits=4), Grid(16, 12, bits=4)),
     10.0: (Grid(2, 24, bits=1), Grid(4, 32, bits=1), Grid(8, 32, bits=4)),
 }
-"""by the bits of latents a texel in memory: many latents of one bit where cells are small are 1 to 2 dB better than
-few of four bits (three materials)"""
+"""by the bits of latents a texel in memory. Many latents of one bit where cells are small are 1.3 dB better than few of
+four bits at 3.75 (PavingStones070, the best of three rates); those of 0.5, 2.5, 5 and 10 bits were not compared."""
 FIXED_QUALITIES = {"low": 1.0625, "medium": 3.75, "high": 6.4375}
 FIXED_RATE, FIXED_SPREAD = 1.0, 0.5  # of the optimizer, in steps; of latents at the start, of half of their range
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.spec import BlockSpec, TextureSpec
 
 Kind = Literal["srgb", "linear", "normal", "mask", "hdr"]
 
@@ -81,9 +81,14 @@ class TextureState:
                 fits = latents.shape == shape and latents.dtype == np.int8
                 if not fits or max(int(latents.max()), -int(latents.min())) > grid.limit:
                     raise InputError(f"latents of mip {mip}, grid {g}: expected int8 {shape} up to {grid.limit}")
-        for name, shape in spec.tensors.items():
-            if name not in self.tensors or self.tensors[name].integers.shape != shape:
-                raise InputError(f"{name}: expected a tensor of shape {shape}")
-        trained = sum(len(each.trained) for each in self.maps)
-        if trained != spec.channels:
-            raise InputError(f"maps: they have {trained} channels that vary, the network has {spec.channels} results")
+        check_parts(spec, self.tensors, self.maps)
+
+
+def check_parts(spec: TextureSpec | BlockSpec, tensors: Mapping[str, Tensor], maps: tuple[Map, ...]) -> None:
+    """Raises `InputError` for tensors that are missing or of other shapes, and maps of other channels."""
+    for name, shape in spec.tensors.items():
+        if name not in tensors or tensors[name].integers.shape != shape:
+            raise InputError(f"{name}: expected a tensor of shape {shape}")
+    trained = sum(len(each.trained) for each in maps)
+    if trained != spec.channels:
+        raise InputError(f"maps: they have {trained} channels that vary, the network has {spec.channels} results")

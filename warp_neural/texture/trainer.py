@@ -12,13 +12,12 @@ from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.kernels.texture.update import kernels_kernel
 from warp_neural.texture.batch import Batch, GridLaunches
 from warp_neural.texture.initial import initial_kernels
-from warp_neural.texture.latent_trainer import CHECK, LatentTrainer
-from warp_neural.texture.levels import all_tiles, first_latents
+from warp_neural.texture.latent_trainer import LatentTrainer
+from warp_neural.texture.levels import first_latents
 from warp_neural.texture.rounding import kernel_steps, rounded_latents, tensors_of
 from warp_neural.texture.state import Map, TextureState
 from warp_neural.train.progress import HISTORY
 
-__all__ = ["CHECK", "TextureTrainer"]
 INITIAL = 0.1  # deviation of latents at the start: at 1, runs of 50 passes over a texture end with 1.5 times the bits
 
 
@@ -39,7 +38,6 @@ class TextureTrainer(LatentTrainer):
     ):
         self.layout, self.spread, self._rate_weight = Layout(spec), spread, rate_weight
         super().__init__(spec, levels, **options)
-        self.rate_weight = rate_weight
 
     def _make_latents(self, random: np.random.Generator) -> Batch:
         data, spec, n = self.data, self.spec, int(first_latents(self.spec)[-1])
@@ -50,7 +48,7 @@ class TextureTrainer(LatentTrainer):
         self.kernels, data.kernels = self._array(kernels), self._array(kernels)
         self.first, self.second, data.kernels_gradient = (self._array(np.zeros(self.layout.size)) for _ in range(3))
         self.kernel_steps = self._array(np.ones(self.layout.size))
-        data.rate_weight = self._array(self.schedule.rate)
+        data.rate_weight = self._array(self.rate_weight * self.schedule.rate)
         channels = sum(grid.channels for grid in spec.grids)
         data.sums = wp.zeros((self.tiles, channels), dtype=wp.vec2, device=self.device)
         data.bits = self._array(np.zeros(HISTORY))
@@ -79,7 +77,7 @@ class TextureTrainer(LatentTrainer):
         arguments = [self.progress, self.data, self.layout.kernels_end, self.kernel_steps]
         arguments += [self.kernels, self.first, self.second]
         wp.launch(kernels_kernel, self.layout.size, arguments, device=self.device, record_tape=False)
-        self.batch.update(self.progress, self.data, self.tiles / all_tiles(self.spec))
+        super()._move_latents()
 
     def _set_steps(self) -> None:
         super()._set_steps()
