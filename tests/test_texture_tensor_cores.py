@@ -57,14 +57,14 @@ def test_tables_and_weights_give_the_texture():
     x = np.concatenate(x, -1)
     x = np.pad(x, ((0, 0), (0, 0), (0, layout.sizes[0] - x.shape[-1])))
     packed = tensor.weights.numpy().view(np.float16).astype(np.float64)
-    biases = tensor.biases.numpy().reshape(SPEC.mips, -1)[mip]
+    biases, log2e = tensor.biases.numpy().reshape(SPEC.mips, -1, 2, 2)[mip, :, 0], 1 / np.log(2)
     for l in range(3):
         n_in, n_out = layout.sizes[l : l + 2]
         part = packed[256 * layout.weights[l] : 256 * layout.weights[l + 1]]
         lanes = part.reshape(n_in // 16, n_out // 16, 8, 4, 2, 2, 2)  # blocks, pairs, g, t, tile, half, k
         matrix = lanes.transpose(1, 4, 2, 0, 5, 3, 6).reshape(n_out, n_in)
-        x = x @ matrix.T + biases[layout.biases[l] : layout.biases[l + 1]]
-        x = np.where(x > 0, x, np.expm1(np.minimum(x, 0))) if l < 2 else x
+        x = x @ matrix.T + biases[layout.biases[l] : layout.biases[l + 1]].ravel()
+        x = np.where(x > 0, x, (2 ** np.minimum(x, 0) - 1) * log2e) if l < 2 else x
     height, width = SPEC.size(mip)
     np.testing.assert_allclose(x[:height, :width, : SPEC.channels], truth(state, mip), atol=4e-3)
 

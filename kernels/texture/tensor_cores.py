@@ -5,8 +5,11 @@ them as the operand of `mma.sync`; products sum in float32, activations are of f
 to slabs of 8 columns of the first layer, two slabs a product.
 
 Tables [slab][texel of a block][phase of blocks][4 pairs of channels][4 taps][2]: float16 weights of the latents.
-Weights [layer][16 inputs][16 outputs][lane][8]: float16, second operands of two products. Biases [mip][layer][padded
-outputs]: float32, those of the first layer with the level of detail.
+Vectors between layers are log2 e times what they are, for powers of 2 as they stand: weights of the first layer take
+that in, those of the last take it out.
+
+Weights [layer][16 inputs][16 outputs][lane][8]: float16, second operands of two products. Biases [mip][layer][pairs
+of outputs][2][2]: float32, each pair twice, as sums have rows g and g + 8; of the first layer with the level of detail.
 """
 
 from dataclasses import dataclass
@@ -30,7 +33,7 @@ BLOCK = 128
 
 @dataclass(frozen=True)
 class TensorLayout:
-    """Of tables and weights, in units of 16 bytes (32 lanes of these for weights), and of biases."""
+    """Of what the kernel reads, in units of 16 bytes, of weights 32 lanes of these."""
 
     spec: TextureSpec
 
@@ -68,7 +71,7 @@ class TensorLayout:
     @cached_property
     def biases(self) -> tuple[int, ...]:
         """Where each layer's begin, and the end of a level's."""
-        return tuple(sum(self.sizes[1 : 1 + l]) for l in range(len(self.sizes)))
+        return tuple(sum(self.sizes[1 : 1 + l]) // 2 for l in range(len(self.sizes)))
 
 
 @cache
@@ -152,17 +155,15 @@ def grid_text(layout: TensorLayout, g: int, grid: Grid) -> str:
     numbers = {"INDEX": g, "SCALE": grid.scale, "CHANNELS": grid.channels, "BITS": grid.resident_bits}
     numbers |= {"LIMIT": grid.limit, "TABLE": layout.tables[g]}
     fields = ", ".join(f"{name} = {value}" for name, value in numbers.items())
-    return f"struct Grid{g} {{ enum {{ {fields} }}; }};\ninteger cells{g}[4];\nlocate(Grid{g}(), cells{g});\n"
+    return f"struct Grid{g} {{ enum {{ {fields} }}; }};\nunsigned cells{g}[4];\nlocate(Grid{g}(), cells{g});\n"
 
 
 def first_layer_text(layout: TensorLayout) -> str:
     """`a0`, the operand of the next layer; features of 16 columns at a time are made and multiplied."""
     slabs = [(g, s) for g, count in enumerate(layout.slabs) for s in range(count)]
-    pairs = layout.sizes[1] // 16
+    pairs, start = layout.sizes[1] // 16, start_text(0)
     text = f"""unsigned a0[2][{pairs}][4];
 {{ real c[2][{pairs}][2][4];
-UNROLL for (int m = 0; m < 2; ++m)
-UNROLL for (int j = 0; j < {2 * pairs}; ++j) start(0, j, c[m][j / 2][j % 2]);
 """
     for block in range(layout.sizes[0] // 16):
         both = enumerate(slabs[2 * block : 2 * block + 2])
@@ -170,25 +171,28 @@ UNROLL for (int j = 0; j < {2 * pairs}; ++j) start(0, j, c[m][j / 2][j % 2]);
         text += f"""{{ unsigned a[2][4] = {{}};
 {adds}UNROLL for (int j = 0; j < {pairs}; ++j) {{
     const uint4 w = weights_at({block * pairs} + j);
-    UNROLL for (int m = 0; m < 2; ++m) {{
-        multiply(c[m][j][0], c[m][j][0], a[m], w.x, w.y);
-        multiply(c[m][j][1], c[m][j][1], a[m], w.z, w.w);
+    {start if block == 0 else ""}UNROLL for (int m = 0; m < 2; ++m) {{
+        multiply(c[m][j][0], {"bias[0]" if block == 0 else "c[m][j][0]"}, a[m], w.x, w.y);
+        multiply(c[m][j][1], {"bias[1]" if block == 0 else "c[m][j][1]"}, a[m], w.z, w.w);
     }} }} }}
 """
     to_operands = f"UNROLL for (int j = 0; j < {pairs}; ++j) to_operand(c[m][j], a0[m][j]);"
     return f"{text}UNROLL for (int m = 0; m < 2; ++m) {to_operands}\n}}\n"
 
 
+def start_text(at: int) -> str:
+    return f"real bias[2][4]; UNROLL for (int i = 0; i < 2; ++i) bias_at({at}, 2 * j + i, bias[i]);\n"
+
+
 def products_text(layout: TensorLayout, l: int) -> str:
     """`c`, the sums of layer l and outputs 16 j to 16 j + 15."""
     blocks, pairs = layout.sizes[l] // 16, layout.sizes[l + 1] // 16
     return f"""real c[2][2][4];
-UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int i = 0; i < 2; ++i) start({layout.biases[l]}, 2 * j + i, c[m][i]);
-UNROLL for (int b = 0; b < {blocks}; ++b) {{
+{start_text(layout.biases[l])}UNROLL for (int b = 0; b < {blocks}; ++b) {{
     const uint4 w = weights_at({layout.weights[l]} + b * {pairs} + j);
     UNROLL for (int m = 0; m < 2; ++m) {{
-        multiply(c[m][0], c[m][0], a{l - 1}[m][b], w.x, w.y);
-        multiply(c[m][1], c[m][1], a{l - 1}[m][b], w.z, w.w);
+        multiply(c[m][0], b == 0 ? bias[0] : c[m][0], a{l - 1}[m][b], w.x, w.y);
+        multiply(c[m][1], b == 0 ? bias[1] : c[m][1], a{l - 1}[m][b], w.z, w.w);
     }} }}
 """
 

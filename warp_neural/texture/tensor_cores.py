@@ -15,6 +15,8 @@ from warp_neural.kernels.texture.tensor_cores import (
     tensor_dim,
 )
 
+LOG2E = 1 / np.log(2)
+
 
 def can_decode(spec: TextureSpec, device: wp.Device) -> bool:
     return device.is_cuda and device.arch >= 80 and TensorLayout(spec).fits
@@ -48,22 +50,24 @@ def columns_of(layout: TensorLayout) -> np.ndarray:
 
 def packed_weights(layout: TensorLayout, weights: Sequence[np.ndarray]) -> np.ndarray:
     """float16, in the order of `kernels.texture.tensor_cores`."""
-    parts = []
+    parts, last = [], len(weights) - 1
     for l, matrix in enumerate(weights):
-        padded = np.zeros((layout.sizes[l + 1], layout.sizes[l]), np.float16)
+        padded = np.zeros((layout.sizes[l + 1], layout.sizes[l]), np.float32)
         columns = columns_of(layout) if l == 0 else np.arange(matrix.shape[1])
         padded[: len(matrix), columns] = matrix[:, : len(columns)]
+        padded *= (LOG2E if l < last else 1) / (LOG2E if l > 0 else 1)
         by_lane = padded.reshape(-1, 2, 8, layout.sizes[l] // 16, 2, 4, 2)  # pairs, tile, g, blocks, half, t, k
         parts.append(by_lane.transpose(3, 0, 2, 5, 1, 4, 6).ravel())
-    return np.concatenate(parts)
+    return np.concatenate(parts).astype(np.float16)
 
 
 def padded_biases(layout: TensorLayout, weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]) -> np.ndarray:
-    """float32 [mips * all layers' padded outputs]."""
-    values = np.zeros((layout.spec.mips, layout.biases[-1]), np.float32)
+    """float32, in the order of `kernels.texture.tensor_cores`."""
+    values = np.zeros((layout.spec.mips, 2 * layout.biases[-1]), np.float32)
     for start, bias in zip(layout.biases, biases, strict=False):
-        values[:, start : start + len(bias)] = bias
+        values[:, 2 * start : 2 * start + len(bias)] = bias
     if layout.spec.mips > 1:
         detail = np.arange(layout.spec.mips)[:, None] / 8  # as `make_levels` has it
         values[:, : len(biases[0])] += detail * weights[0][:, -1]
-    return values.ravel()
+    values[:, : 2 * layout.biases[-2]] *= LOG2E
+    return np.tile(values.reshape(-1, 1, 2), (1, 2, 1)).ravel()

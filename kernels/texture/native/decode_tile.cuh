@@ -10,13 +10,13 @@ auto half_fma = [](unsigned a, unsigned b, unsigned c) {
     asm("fma.rn.f16x2 %0,%1,%2,%3;" : "=r"(r) : "r"(a), "r"(b), "r"(c));
     return r;
 };
-auto half_elu = [&](unsigned z) {  // max(z, e^z - 1), e^z = 2^(z log2 e) of what is below 0
-    unsigned e = half_fma(half_min(z, 0u), 0x3dc53dc5u, 0x80008000u);
+auto activate = [&](unsigned z) {  // ELU times log2 e, of z log2 e: max(z, (e^z - 1) log2 e)
+    unsigned e = half_min(z, 0u);
     asm("ex2.approx.f16x2 %0,%0;" : "+r"(e));
-    return half_max(z, half_fma(e, 0x3c003c00u, 0xbc00bc00u));
+    return half_max(z, half_fma(e, 0x3dc53dc5u, 0xbdc5bdc5u));
 };
 // Places of the first latents of the cells that the block reads.
-auto locate = [&](auto grid, integer (&cells)[4]) {
+auto locate = [&](auto grid, unsigned (&cells)[4]) {
     using G = decltype(grid);
     const int rows = params.levels.rows.data[mip * GRIDS + G::INDEX];
     const int columns = params.levels.columns.data[mip * GRIDS + G::INDEX];
@@ -27,43 +27,48 @@ auto locate = [&](auto grid, integer (&cells)[4]) {
     cells[2] = (below * columns + column) * G::CHANNELS;
     cells[3] = (below * columns + right) * G::CHANNELS;
 };
-// Latents number i and i + next as two halves; next is 1 or, where only the first counts, 0. Codes become the low bits of 1024.
-auto latents_at = [&](auto grid, const wp::uint32* words, int i, int next) {
+// Latents c and c + next of a cell as two halves; next is 1 or, where only the first counts, 0. Codes become the low bits
+// of 1024.
+auto latents_of = [&](auto grid, const wp::uint32* words, unsigned cell, unsigned c, unsigned next) {
     using G = decltype(grid);
-    auto codes_at = [&](int k) { return __ldg(words + k / (32 / G::BITS)) >> (k % (32 / G::BITS) * G::BITS); };
-    unsigned v = codes_at(i);
+    constexpr unsigned each = 32 / G::BITS;  // of a word
+    auto codes_at = [&](unsigned i) {
+        if constexpr (G::CHANNELS % each == 0) return __ldg(words + cell / each + i / each) >> (i % each * G::BITS);
+        return __ldg(words + (cell + i) / each) >> ((cell + i) % each * G::BITS);
+    };
+    unsigned v = codes_at(c);
     constexpr unsigned mask = (1u << G::BITS) - 1u;
-    if constexpr (G::CHANNELS % 2 == 1) v = v & mask | codes_at(i + next) << G::BITS;  // of another word
+    if constexpr (G::CHANNELS % 2 == 1) v = v & mask | codes_at(c + next) << G::BITS;  // of another word
     if constexpr (G::BITS == 1) return 0xbc00bc00u ^ (v << 15 & 0x8000u) ^ (v << 30 & 0x80000000u);
     v = v & mask | v << (16 - G::BITS) & mask << 16 | 0x64006400u;
     return half_fma(v, 0x3c003c00u, (0xe400u + G::LIMIT) * 0x10001u);
 };
 // Channels 8 s + 2 t and the next of all four texels, into half `half` of the operand `a`.
-auto add_slab = [&](auto grid, int s, const integer (&cells)[4], unsigned (&a)[2][4], int half) {
+auto add_slab = [&](auto grid, int s, const unsigned (&cells)[4], unsigned (&a)[2][4], int half) {
     using G = decltype(grid);
-    const int channel = 8 * s + 2 * t, c = channel < G::CHANNELS ? channel : 0;  // padding has weights 0
+    const unsigned channel = 8 * s + 2 * t, c = channel < G::CHANNELS ? channel : 0;  // padding has weights 0
     const wp::uint32* words = params.latents.data + params.starts.data[mip * GRIDS + G::INDEX];
     unsigned q[4];
-    UNROLL for (int k = 0; k < 4; ++k) q[k] = latents_at(grid, words, cells[k] + c, c + 1 < G::CHANNELS);
+    UNROLL for (int k = 0; k < 4; ++k) q[k] = latents_of(grid, words, cells[k], c, c + 1 < G::CHANNELS);
     constexpr int side = G::SCALE / 2, phases = side * side;
     const int phase = y / 2 % side * side + x / 2 % side;
     const uint4* table = reinterpret_cast<const uint4*>(tables.data) + G::TABLE + (s * 4 * phases + phase) * 4 + t;
     UNROLL for (int i = 0; i < 4; ++i) {
         const uint4 w = __ldg(table + i * phases * 4);
-        a[i / 2][2 * half + i % 2] = half_fma(w.w, q[3], half_fma(w.z, q[2], half_fma(w.y, q[1], half_fma(w.x, q[0], 0x80008000u))));
+        const unsigned upper = half_fma(w.y, q[1], half_fma(w.x, q[0], 0x80008000u));
+        a[i / 2][2 * half + i % 2] = half_fma(w.w, q[3], half_fma(w.z, q[2], upper));
     }
 };
-auto bias_at = [&](int at, int j) {
-    return __ldg(reinterpret_cast<const float2*>(biases.data + mip * LEVEL_BIASES + at) + 4 * j + t);
+auto bias_at = [&](int at, int j, real (&c)[4]) {  // as sums that products are added to
+    const float4 bias = __ldg(reinterpret_cast<const float4*>(biases.data) + mip * LEVEL_BIASES + at + 4 * j + t);
+    c[0] = bias.x;
+    c[1] = bias.y;
+    c[2] = bias.z;
+    c[3] = bias.w;
 };
 auto weights_at = [&](int at) { return __ldg(reinterpret_cast<const uint4*>(weights.data) + at * 32 + lane); };
-auto start = [&](int at, int j, real (&c)[4]) {
-    const float2 bias = bias_at(at, j);
-    c[0] = c[2] = bias.x;
-    c[1] = c[3] = bias.y;
-};
 // Sums of 16 outputs, activated, as the operand of 16 inputs.
 auto to_operand = [&](const real (&c)[2][4], unsigned (&a)[4]) {
-    UNROLL for (int i = 0; i < 4; ++i) a[i] = half_elu(half_pack(c[i / 2][i % 2 * 2], c[i / 2][i % 2 * 2 + 1]));
+    UNROLL for (int i = 0; i < 4; ++i) a[i] = activate(half_pack(c[i / 2][i % 2 * 2], c[i / 2][i % 2 * 2 + 1]));
 };
 auto code = [](real v) { return static_cast<unsigned>(__saturatef(v) * 255.0f + 0.5f); };
