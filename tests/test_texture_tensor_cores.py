@@ -44,7 +44,7 @@ def test_tables_and_weights_give_the_texture():
     """In the order that the kernel reads them, by float64."""
     state = make_state(SPEC)
     decoder = Decoder(state, "cpu")
-    tensor = TensorDecoder(SPEC, decoder.params, decoder.net.weights, decoder.net.biases)
+    tensor = TensorDecoder(SPEC, decoder.Params, decoder.params, decoder.net.weights, decoder.net.biases)
     layout, tables, mip = TensorLayout(SPEC), tensor.tables.numpy().astype(np.float64), 1
     x = []
     for g, grid in enumerate(GRIDS):

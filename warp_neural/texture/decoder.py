@@ -12,6 +12,7 @@ from warp_neural.kernels.texture.texel import make_decode_kernel, make_params_ty
 from warp_neural.nn.mlp import MLP
 from warp_neural.texture.initial import make_network
 from warp_neural.texture.levels import make_levels
+from warp_neural.texture.rows import RowDecoder
 from warp_neural.texture.state import TextureState
 from warp_neural.texture.tensor_cores import TensorDecoder, can_decode
 
@@ -41,7 +42,11 @@ class Decoder:
 
     @cached_property
     def tensor(self) -> TensorDecoder:
-        return TensorDecoder(self.spec, self.params, self.net.weights, self.net.biases)
+        return TensorDecoder(self.spec, self.Params, self.params, self.net.weights, self.net.biases)
+
+    @cached_property
+    def rows(self) -> RowDecoder:
+        return RowDecoder(self.spec, self.Params, self.params, self.net)
 
     def decode(self, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> np.ndarray:
         """The channels of the network, float32 [height, width, channels]. rectangle: left, top, width, height.
@@ -65,7 +70,8 @@ class Decoder:
                 f"values {values.shape} of {values.dtype.__name__} on {values.device.alias}: results are {shape}, of "
                 f"one of {names}, contiguous on {self.device.alias}; pass such an array"
             )
-        (self.tensor.decode if fast else self.decode_alone)(mip, rectangle, values)
+        decode = self.tensor.decode if fast else self.decode_alone if self.device.is_cuda else self.rows.decode
+        decode(mip, rectangle, values)
 
     def decode_alone(self, mip: int, rectangle: tuple[int, int, int, int], values: wp.array) -> None:
         """A thread each texel, in float32, on any device."""

@@ -25,8 +25,16 @@ def can_decode(spec: TextureSpec, device: wp.Device) -> bool:
 class TensorDecoder:
     """Of a texture's parameters on a device, and its network: weights [n_out, n_in], biases [n_out] of each layer."""
 
-    def __init__(self, spec: TextureSpec, params: Any, weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]):
-        self.spec, self.params, self.device, self.layout = spec, params, params.latents.device, TensorLayout(spec)
+    def __init__(
+        self,
+        spec: TextureSpec,
+        params_type: Any,
+        params: Any,
+        weights: Sequence[np.ndarray],
+        biases: Sequence[np.ndarray],
+    ):
+        self.spec, self.params_type, self.params, self.layout = spec, params_type, params, TensorLayout(spec)
+        self.device = params.latents.device
         self.tables = wp.zeros(8 * self.layout.tables[-1], dtype=wp.float16, device=self.device)
         for g, grid in enumerate(spec.grids):
             dim = grid.scale, grid.scale, 8 * self.layout.slabs[g]
@@ -37,7 +45,7 @@ class TensorDecoder:
 
     def decode(self, mip: int, rectangle: tuple[int, int, int, int], values: wp.array) -> None:
         """rectangle: left, top, width, height. values: see `make_tensor_decode_kernel`."""
-        kernel = make_tensor_decode_kernel(self.spec, type(self.params), values.dtype)
+        kernel = make_tensor_decode_kernel(self.spec, self.params_type, values.dtype)
         inputs = [self.params, self.tables.view(wp.uint32), self.weights, self.biases, mip, rectangle, values]
         wp.launch(kernel, tensor_dim(*rectangle), inputs, device=self.device, block_dim=BLOCK, record_tape=False)
 
