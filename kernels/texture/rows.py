@@ -110,7 +110,7 @@ def features_text(spec: TextureSpec, network: NetworkSpec) -> str:
 
 def store_text(spec: TextureSpec, network: NetworkSpec) -> str:
     """The body of `store`: results to a row of contiguous `values`."""
-    h, width = f"h{len(network.layers)}", round_up(spec.channels, LANES)
-    return f"""{enter(network)}real* const y = values.data + (wp::int64(row) * values.shape[1] + column) * {spec.channels};
-for (int i = 0; i < count; ++i) for (int c = 0; c < {spec.channels}; ++c) y[i * {spec.channels} + c] = {h}[i * {width} + c];
+    h, n, width = f"h{len(network.layers)}", spec.channels, round_up(spec.channels, LANES)
+    return f"""{enter(network)}real* const y = values.data + (wp::int64(row) * values.shape[1] + column) * {n};
+for (int i = 0; i < count; ++i) for (int c = 0; c < {n}; ++c) y[i * {n} + c] = {h}[i * {width} + c];
 """

@@ -42,7 +42,7 @@ class Decoder:
 
     @cached_property
     def tensor(self) -> TensorDecoder:
-        return TensorDecoder(self.spec, self.Params, self.params, self.net.weights, self.net.biases)
+        return TensorDecoder(self.spec, self.Params, self.params, self.net)
 
     @cached_property
     def rows(self) -> RowDecoder:

@@ -14,6 +14,7 @@ from warp_neural.kernels.texture.tensor_cores import (
     make_tensor_decode_kernel,
     tensor_dim,
 )
+from warp_neural.nn.mlp import MLP
 
 LOG2E = 1 / np.log(2)
 
@@ -23,25 +24,18 @@ def can_decode(spec: TextureSpec, device: wp.Device) -> bool:
 
 
 class TensorDecoder:
-    """Of a texture's parameters on a device, and its network: weights [n_out, n_in], biases [n_out] of each layer."""
+    """Of a texture's parameters and its network."""
 
-    def __init__(
-        self,
-        spec: TextureSpec,
-        params_type: Any,
-        params: Any,
-        weights: Sequence[np.ndarray],
-        biases: Sequence[np.ndarray],
-    ):
+    def __init__(self, spec: TextureSpec, params_type: Any, params: Any, net: MLP):
         self.spec, self.params_type, self.params, self.layout = spec, params_type, params, TensorLayout(spec)
-        self.device = params.latents.device
+        self.device = net.device
         self.tables = wp.zeros(8 * self.layout.tables[-1], dtype=wp.float16, device=self.device)
         for g, grid in enumerate(spec.grids):
             dim = grid.scale, grid.scale, 8 * self.layout.slabs[g]
             wp.launch(make_table_kernel(spec, g), dim, [params.kernels, self.tables], device=self.device)
-        packed = packed_weights(self.layout, weights).view(np.uint32)
+        packed = packed_weights(self.layout, net.weights).view(np.uint32)
         self.weights = wp.array(packed, dtype=wp.uint32, device=self.device)
-        self.biases = wp.array(padded_biases(self.layout, weights, biases), dtype=float, device=self.device)
+        self.biases = wp.array(padded_biases(self.layout, net.weights, net.biases), dtype=float, device=self.device)
 
     def decode(self, mip: int, rectangle: tuple[int, int, int, int], values: wp.array) -> None:
         """rectangle: left, top, width, height. values: see `make_tensor_decode_kernel`."""

@@ -1,4 +1,4 @@
-"""Decoding on tensor cores: what the kernel reads, as it reads it; its text for every architecture; results on GPUs."""
+"""Whole pictures: on tensor cores what the kernel reads, its text for every architecture, results; on the CPU by rows."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.texture.tensor_cores import TensorLayout, make_tensor_decode_kernel, tensor_dim
 from warp_neural.kernels.texture.texel import make_params_type
 from warp_neural.nn.mlp import MLP
+from warp_neural.texture import rows
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.state import Map, Tensor, TextureState
 from warp_neural.texture.tensor_cores import TensorDecoder
@@ -44,7 +45,7 @@ def test_tables_and_weights_give_the_texture():
     """In the order that the kernel reads them, by float64."""
     state = make_state(SPEC)
     decoder = Decoder(state, "cpu")
-    tensor = TensorDecoder(SPEC, decoder.Params, decoder.params, decoder.net.weights, decoder.net.biases)
+    tensor = TensorDecoder(SPEC, decoder.Params, decoder.params, decoder.net)
     layout, tables, mip = TensorLayout(SPEC), tensor.tables.numpy().astype(np.float64), 1
     x = []
     for g, grid in enumerate(GRIDS):
@@ -114,3 +115,19 @@ def test_arrays_of_other_shapes_are_refused(device):
     decoder = Decoder(make_state(SPEC), device)
     with pytest.raises(InputError, match=r"results are \(40, 52, 10\)"):
         decoder.decode_to(wp.empty((40, 52, 3), dtype=float, device=device))
+
+
+def test_threads_on_the_cpu_give_equal_results(monkeypatch):
+    """Each row by one thread or another; results are those of single texels but for the order of sums."""
+    spec = TextureSpec(150, 131, 5, 2, GRIDS, (32, 32))
+    decoder = Decoder(make_state(spec), "cpu")
+    monkeypatch.setattr(rows.os, "cpu_count", lambda: 1)
+    alone = decoder.decode()
+    monkeypatch.setattr(rows, "ENOUGH", 64)
+    for cores in (3, 64):
+        monkeypatch.setattr(rows.os, "cpu_count", lambda: cores)  # noqa: B023
+        np.testing.assert_array_equal(decoder.decode(), alone)
+        np.testing.assert_array_equal(decoder.decode(0, (37, 11, 90, 121)), alone[11:132, 37:127])
+    values = wp.zeros((150, 131, 5), dtype=float, device="cpu")
+    decoder.decode_alone(0, (0, 0, 131, 150), values)
+    np.testing.assert_allclose(alone, values.numpy(), atol=4e-3)  # roundings to float16 differ
