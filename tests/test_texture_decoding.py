@@ -1,4 +1,4 @@
-"""Whole pictures: on tensor cores what the kernel reads, its text for every architecture, results; on the CPU by rows."""
+"""Whole pictures: on tensor cores what the kernel reads, its text, results; on the CPU by rows."""
 
 import numpy as np
 import pytest

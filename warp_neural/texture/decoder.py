@@ -51,15 +51,14 @@ class Decoder:
     def decode(self, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> np.ndarray:
         """The channels of the network, float32 [height, width, channels]. rectangle: left, top, width, height.
 
-        On CUDA from sm_80 on by tensor cores, rounded to float16 between layers."""
+        On CUDA from sm_80 on by tensor cores, with features and vectors between layers of float16."""
         _, _, w, h = self._inside(mip, rectangle)
         values = wp.empty((h, w, self.spec.channels), dtype=float, device=self.device)
         self.decode_to(values, mip, rectangle)
         return values.numpy()
 
     def decode_to(self, values: wp.array, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> None:
-        """As `decode`, to memory of the device: contiguous [height, width, channels] of float, on CUDA from sm_80 on
-        also of `wp.float16` or `wp.uint8`, where 0 to 255 is 0 to 1. Launches only: a CUDA graph can hold it."""
+        """See `Texture.decode_to`."""
         rectangle = self._inside(mip, rectangle)
         fast = can_decode(self.spec, self.device)
         shape, dtypes = (*rectangle[:1:-1], self.spec.channels), DTYPES if fast else DTYPES[:1]
