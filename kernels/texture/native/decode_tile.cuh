@@ -28,33 +28,38 @@ auto locate = [&](auto grid, unsigned (&cells)[4]) {
     cells[3] = (below * columns + right) * G::CHANNELS;
 };
 // Latents c and c + next of a cell as two halves; next is 1 or, where only the first counts, 0. Codes become the low bits
-// of 1024.
-auto latents_of = [&](auto grid, const wp::uint32* words, unsigned cell, unsigned c, unsigned next) {
+// of 1024, but two of 4 bits bits 0 to 3 and 4 to 7 of it, as of one byte; one bit the sign of 1.
+auto latents_of = [&](auto grid, unsigned start, unsigned cell, unsigned c, unsigned next) {
     using G = decltype(grid);
-    constexpr unsigned each = 32 / G::BITS;  // of a word
-    auto codes_at = [&](unsigned i) {
-        if constexpr (G::CHANNELS % each == 0) return __ldg(words + cell / each + i / each) >> (i % each * G::BITS);
-        return __ldg(words + (cell + i) / each) >> ((cell + i) % each * G::BITS);
+    constexpr unsigned each = 32 / G::BITS, mask = (1u << G::BITS) - 1u;  // codes of a word
+    constexpr bool whole = G::CHANNELS % each == 0;
+    auto word_of = [&](unsigned i) {
+        const unsigned at = whole ? cell / each + i / each : (cell + i) / each;
+        return __ldg(params.latents.data + (start + at));
     };
-    unsigned v = codes_at(c);
-    constexpr unsigned mask = (1u << G::BITS) - 1u;
-    if constexpr (G::CHANNELS % 2 == 1) v = v & mask | codes_at(c + next) << G::BITS;  // of another word
-    if constexpr (G::BITS == 1) return 0xbc00bc00u ^ (v << 15 & 0x8000u) ^ (v << 30 & 0x80000000u);
-    v = v & mask | v << (16 - G::BITS) & mask << 16 | 0x64006400u;
-    return half_fma(v, 0x3c003c00u, (0xe400u + G::LIMIT) * 0x10001u);
+    auto shift_of = [&](unsigned i) { return (whole ? i : cell + i) % each * G::BITS; };
+    unsigned v = word_of(c) >> shift_of(c);
+    if constexpr (G::CHANNELS % 2 == 1) v = v & mask | word_of(c + next) >> shift_of(c + next) << G::BITS;
+    if constexpr (G::BITS == 1) return (v & 3u) * 0x40008000u & 0x80008000u ^ 0xbc00bc00u;
+    if constexpr (G::BITS == 2) v = v & 3u | v << 14 & 0x30000u | 0x64006400u;
+    if constexpr (G::BITS == 4) v = __byte_perm(v, 0x64u, 0x4040u) & 0xfff0ff0fu;
+    if constexpr (G::BITS == 8) v = __byte_perm(v, 0x64u, 0x4140u);
+    constexpr unsigned low = 0xe400u + G::LIMIT;  // -1024 - LIMIT
+    if constexpr (G::BITS == 4) return half_fma(v, 0x2c003c00u, (0xd400u + 16u * G::LIMIT) << 16 | low);
+    return half_fma(v, 0x3c003c00u, low << 16 | low);
 };
 // Channels 8 s + 2 t and the next of all four texels, into half `half` of the operand `a`.
 auto add_slab = [&](auto grid, int s, const unsigned (&cells)[4], unsigned (&a)[2][4], int half) {
     using G = decltype(grid);
     const unsigned channel = 8 * s + 2 * t, c = channel < G::CHANNELS ? channel : 0;  // padding has weights 0
-    const wp::uint32* words = params.latents.data + params.starts.data[mip * GRIDS + G::INDEX];
+    const unsigned start = params.starts.data[mip * GRIDS + G::INDEX];
     unsigned q[4];
-    UNROLL for (int k = 0; k < 4; ++k) q[k] = latents_of(grid, words, cells[k], c, c + 1 < G::CHANNELS);
-    constexpr int side = G::SCALE / 2, phases = side * side;
-    const int phase = y / 2 % side * side + x / 2 % side;
-    const uint4* table = reinterpret_cast<const uint4*>(tables.data) + G::TABLE + (s * 4 * phases + phase) * 4 + t;
+    UNROLL for (int k = 0; k < 4; ++k) q[k] = latents_of(grid, start, cells[k], c, c + 1 < G::CHANNELS);
+    constexpr unsigned side = G::SCALE / 2, phases = side * side;
+    const unsigned phase = y / 2 % side * side + x / 2 % side;
+    const uint4* table = reinterpret_cast<const uint4*>(tables.data) + (G::TABLE + phase * 4 + t);
     UNROLL for (int i = 0; i < 4; ++i) {
-        const uint4 w = __ldg(table + i * phases * 4);
+        const uint4 w = __ldg(table + (4 * s + i) * phases * 4);
         const unsigned upper = half_fma(w.y, q[1], half_fma(w.x, q[0], 0x80008000u));
         a[i / 2][2 * half + i % 2] = half_fma(w.w, q[3], half_fma(w.z, q[2], upper));
     }
