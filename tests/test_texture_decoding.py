@@ -8,7 +8,8 @@ import warp as wp
 from warp_neural.errors import InputError
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
-from warp_neural.kernels.texture.tensor_cores import TensorLayout, make_tensor_decode_kernel, tensor_dim
+from warp_neural.kernels.texture.tensor_cores import make_tensor_decode_kernel, tensor_dim
+from warp_neural.kernels.texture.tensor_layout import TensorLayout
 from warp_neural.kernels.texture.texel import make_params_type
 from warp_neural.nn.mlp import MLP
 from warp_neural.texture import rows
@@ -41,13 +42,35 @@ def truth(state, mip):
     return reference.decode(state.spec, state.latents[mip], tensors, mip)
 
 
-def test_tables_and_weights_give_the_texture():
+@pytest.mark.parametrize("precision, limit", [("float16", 4e-3), ("int8", 4e-2)])
+def test_tables_and_weights_give_the_texture(precision, limit):
     """In the order that the kernel reads them, by float64."""
-    state = make_state(SPEC)
+    state, mip = make_state(SPEC), 1
     decoder = Decoder(state, "cpu")
-    tensor = TensorDecoder(SPEC, decoder.Params, decoder.params, decoder.net)
-    layout, tables, mip = TensorLayout(SPEC), tensor.tables.numpy().astype(np.float64), 1
-    x = []
+    tensor = TensorDecoder(SPEC, decoder.Params, decoder.params, decoder.net, precision)
+    layout, x = tensor.layout, features_by_tables(tensor, state, mip)
+    bytes_, ranges = precision == "int8", tensor.tables.numpy()[8 * tensor.layout.tables[-1] :].reshape(-1, 2, 2)
+    packed = tensor.weights.numpy().view(np.int8 if bytes_ else np.float16).astype(np.float64)
+    terms, log2e = np.float64(tensor.biases.numpy().reshape(SPEC.mips, -1, 2, 2)[mip]), 1 / np.log(2)
+    for l in range(3):
+        matrix = matrix_of(layout, packed, l)
+        steps, biases = (terms[layout.biases[l] : layout.biases[l + 1], i].ravel() for i in range(2))
+        if bytes_:
+            part = ranges[: layout.sizes[0] // 2] if l == 0 else ranges[layout.sizes[0] // 2 + l - 1]
+            scale, offset = (part[:, 0].ravel(), part[:, 1].ravel()) if l == 0 else (part[0, 0], part[1, 0])
+            codes = np.rint(255 * np.clip(x * np.float64(scale) + np.float64(offset), 0, 1))
+            x = (codes @ matrix.T + 1.5 * 2**23) * steps + biases
+        else:
+            x = x @ matrix.T + biases
+        x = np.where(x > 0, x, (2 ** np.minimum(x, 0) - 1) * log2e) if l < 2 else x
+    height, width = SPEC.size(mip)
+    error = x[:height, :width, : SPEC.channels] - truth(state, mip)
+    assert np.sqrt(np.mean(error**2)) < limit * truth(state, mip).std()
+
+
+def features_by_tables(tensor, state, mip):
+    layout, x = tensor.layout, []
+    tables = tensor.tables.numpy().astype(np.float64)
     for g, grid in enumerate(GRIDS):
         blocks, slabs = grid.scale // 2, layout.slabs[g]
         table = tables[8 * layout.tables[g] : 8 * layout.tables[g + 1]].reshape(slabs, 2, 2, blocks, blocks, 4, 4, 2)
@@ -56,18 +79,18 @@ def test_tables_and_weights_give_the_texture():
         padded = np.pad(np.float64(state.latents[mip][g]), ((0, 0), (0, 0), (0, -grid.channels % 8)))
         x.append(reference.features(padded, weights))
     x = np.concatenate(x, -1)
-    x = np.pad(x, ((0, 0), (0, 0), (0, layout.sizes[0] - x.shape[-1])))
-    packed = tensor.weights.numpy().view(np.float16).astype(np.float64)
-    biases, log2e = tensor.biases.numpy().reshape(SPEC.mips, -1, 2, 2)[mip, :, 0], 1 / np.log(2)
-    for l in range(3):
-        n_in, n_out = layout.sizes[l : l + 2]
-        part = packed[256 * layout.weights[l] : 256 * layout.weights[l + 1]]
-        lanes = part.reshape(n_in // 16, n_out // 16, 8, 4, 2, 2, 2)  # blocks, pairs, g, t, tile, half, k
-        matrix = lanes.transpose(1, 4, 2, 0, 5, 3, 6).reshape(n_out, n_in)
-        x = x @ matrix.T + biases[layout.biases[l] : layout.biases[l + 1]].ravel()
-        x = np.where(x > 0, x, (2 ** np.minimum(x, 0) - 1) * log2e) if l < 2 else x
-    height, width = SPEC.size(mip)
-    np.testing.assert_allclose(x[:height, :width, : SPEC.channels], truth(state, mip), atol=4e-3)
+    return np.pad(x, ((0, 0), (0, 0), (0, layout.sizes[0] - x.shape[-1])))
+
+
+def matrix_of(layout, packed, l):
+    """[outputs, inputs], from the order of lanes."""
+    n_in, n_out, step = *layout.sizes[l : l + 2], layout.step
+    part = packed[16 * step * layout.weights[l] : 16 * step * layout.weights[l + 1]]
+    if step == 32:
+        lanes = part.reshape(n_in // 32, n_out // 16, 8, 4, 2, 2, 2, 2)  # blocks, pairs, g, t, tile, half, slab, column
+        return lanes.transpose(1, 4, 2, 0, 5, 6, 3, 7).reshape(n_out, n_in)
+    lanes = part.reshape(n_in // 16, n_out // 16, 8, 4, 2, 2, 2)  # blocks, pairs, g, t, tile, half, column
+    return lanes.transpose(1, 4, 2, 0, 5, 3, 6).reshape(n_out, n_in)
 
 
 @pytest.mark.parametrize("dtype", [float, wp.float16, wp.uint8])
@@ -75,8 +98,9 @@ def test_tables_and_weights_give_the_texture():
 def test_compiles(arch, dtype, tmp_path):
     """For older ones the kernel is empty, and `can_decode` says so."""
     spec = TextureSpec(40, 52, 9 if dtype is float else 10, 2, GRIDS, (64, 64))
+    layout = TensorLayout(spec, "int8" if dtype is wp.float16 else "float16")
     net = MLP(spec.n_in, spec.channels, 64, 1, activation=elu, device="cpu")
-    kernel = make_tensor_decode_kernel(spec, make_params_type(net.Params), dtype)
+    kernel = make_tensor_decode_kernel(layout, make_params_type(net.Params), dtype)
     (artifact,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
 
@@ -109,6 +133,17 @@ def test_decoded_into_arrays(device, channels, dtype):
         expected, result = np.clip(expected, 0, 1), result / 255
     np.testing.assert_allclose(result, expected, atol=8e-3)
     np.testing.assert_allclose(decoder.decode(1), truth(state, 1), atol=8e-3)
+
+
+def test_bytes_are_near(device):
+    """Of int8; where there are no tensor cores it is refused."""
+    if device.is_cpu:
+        with pytest.raises(InputError, match="precision int8: is for tensor cores, not for this texture on cpu"):
+            Decoder(make_state(SPEC), device, "int8")
+        return
+    expected = truth(make_state(SPEC), 1)
+    error = Decoder(make_state(SPEC), device, "int8").decode(1) - expected
+    assert np.sqrt(np.mean(error**2)) < 4e-2 * expected.std()
 
 
 def test_arrays_of_other_shapes_are_refused(device):

@@ -3,17 +3,9 @@
 The features of a 2 x 2 block of texels, which is in one cell of every grid, are sums of float16 in the lanes that hold
 them as the operand of `mma.sync`; products sum in float32, activations are of float16. Channels of each grid are padded
 to slabs of 8 columns of the first layer, two slabs a product.
-
-Tables [slab][texel of a block][phase of blocks][4 pairs of channels][4 taps][2]: float16 weights of the latents.
-Vectors between layers are log2 e times what they are, for powers of 2 as they stand: weights of the first layer take
-that in, those of the last take it out.
-
-Weights [layer][16 inputs][16 outputs][lane][8]: float16, second operands of two products. Biases [mip][layer][pairs
-of outputs][2][2]: float32, each pair twice, as sums have rows g and g + 8; of the first layer with the level of detail.
 """
 
-from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,56 +14,15 @@ import warp as wp
 from warp_neural.kernels.coopvec import NATIVE as COOPVEC
 from warp_neural.kernels.coopvec.cuda.primitives import mma
 from warp_neural.kernels.native import paste, unroll
-from warp_neural.kernels.nn.spec import FLOAT16, round_up
+from warp_neural.kernels.nn.spec import FLOAT16, INT8, round_up
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.texture.taps import make_taps
+from warp_neural.kernels.texture.tensor_layout import TensorLayout
+from warp_neural.kernels.texture.texel import make_features
 
 NATIVE = Path(__file__).parent / "native"
 TILE_WIDTH, TILE_HEIGHT = 8, 4  # texels of a warp
 BLOCK = 128
-
-
-@dataclass(frozen=True)
-class TensorLayout:
-    """Of what the kernel reads, in units of 16 bytes, of weights 32 lanes of these."""
-
-    spec: TextureSpec
-
-    @property
-    def fits(self) -> bool:
-        """Whether the kernel is for such textures: at most 64 neurons a layer, and no cell smaller than a block."""
-        return self.spec.grids[0].scale >= 2 and max(self.spec.hidden) <= 64
-
-    @cached_property
-    def slabs(self) -> tuple[int, ...]:
-        """Of each grid."""
-        return tuple(-(-grid.channels // 8) for grid in self.spec.grids)
-
-    @cached_property
-    def sizes(self) -> tuple[int, ...]:
-        """Inputs and outputs of all layers, padded."""
-        return tuple(round_up(n, 16) for n in (8 * sum(self.slabs), *self.spec.hidden, self.spec.channels))
-
-    @cached_property
-    def tables(self) -> tuple[int, ...]:
-        """Where each grid's begins, and the end of all."""
-        ends = [0]
-        for grid, slabs in zip(self.spec.grids, self.slabs, strict=True):
-            ends.append(ends[-1] + slabs * 4 * grid.scale**2)
-        return tuple(ends)
-
-    @cached_property
-    def weights(self) -> tuple[int, ...]:
-        """Where each layer's begin, and the end of all."""
-        ends = [0]
-        for n_in, n_out in zip(self.sizes[:-1], self.sizes[1:], strict=True):
-            ends.append(ends[-1] + n_in // 16 * (n_out // 16))
-        return tuple(ends)
-
-    @cached_property
-    def biases(self) -> tuple[int, ...]:
-        """Where each layer's begin, and the end of a level's."""
-        return tuple(sum(self.sizes[1 : 1 + l]) // 2 for l in range(len(self.sizes)))
 
 
 @cache
@@ -95,11 +46,26 @@ def make_table_kernel(spec: TextureSpec, g: int) -> wp.Kernel:
 
 
 @cache
-def make_tensor_decode_kernel(spec: TextureSpec, params_type: Any, dtype: type) -> wp.Kernel:
+def make_inputs_kernel(spec: TextureSpec, params_type: Any) -> wp.Kernel:
+    """The network's inputs at places (mip, row, column). dim [places]."""
+    features = make_features(spec, params_type)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def inputs_kernel(params: params_type, places: wp.array[wp.vec3i], values: wp.array2d[float]):
+        n = wp.tid()
+        x = features(params, places[n][1], places[n][2], places[n][0])
+        for k in range(wp.static(spec.n_in)):
+            values[n, k] = x[k]
+
+    return inputs_kernel
+
+
+@cache
+def make_tensor_decode_kernel(layout: TensorLayout, params_type: Any, dtype: type) -> wp.Kernel:
     """Texels of a rectangle (left, top, width, height) of a level to `values` [height, width, channels], contiguous:
     float, `wp.float16`, or `wp.uint8`, 0 to 255 as 0 to 1. dim: `tensor_dim`. For CUDA from sm_80 on."""
 
-    @wp.func_native(f"#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800\n{tile_text(spec, dtype)}\n#endif\n")
+    @wp.func_native(f"#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800\n{tile_text(layout, dtype)}\n#endif\n")
     def decode_tile(
         params: params_type,
         tables: wp.array[wp.uint32],
@@ -140,14 +106,19 @@ def tensor_dim(left: int, top: int, width: int, height: int) -> int:
     return round_up(columns * rows * 32, BLOCK)
 
 
-def tile_text(spec: TextureSpec, dtype: type) -> str:
+def tile_text(layout: TensorLayout, dtype: type) -> str:
     """The body of `decode_tile`."""
-    layout = TensorLayout(spec)
-    names = paste(COOPVEC / "lanes.cuh") + paste(COOPVEC / "halves.cuh") + mma("multiply", FLOAT16, "real")
+    spec = layout.spec
+    if layout.precision == "int8":
+        operands = paste(NATIVE / "byte_operands.cuh", RANGES=2 * layout.tables[-1], HIDDEN=layout.sizes[0] // 2)
+        kind, multiply = "integer", mma("multiply", INT8, "integer").replace(".s8.s8.", ".u8.s8.")
+    else:
+        operands, kind, multiply = paste(NATIVE / "half_operands.cuh"), "real", mma("multiply", FLOAT16, "real")
+    names = f"{paste(COOPVEC / 'lanes.cuh')}{paste(COOPVEC / 'halves.cuh')}using Sum = {kind};\n{multiply}"
+    names += paste(NATIVE / "decode_tile.cuh", GRIDS=len(spec.grids), LEVEL_BIASES=layout.biases[-1]) + operands
     grids = "".join(grid_text(layout, g, grid) for g, grid in enumerate(spec.grids))
     layers = "".join(layer_text(layout, l) for l in range(1, len(spec.hidden)))
-    tile = paste(NATIVE / "decode_tile.cuh", GRIDS=len(spec.grids), LEVEL_BIASES=layout.biases[-1])
-    return unroll(f"""{names}{tile}{grids}{first_layer_text(layout)}{layers}{last_layer_text(layout, dtype)}""")
+    return unroll(f"{names}{grids}{first_layer_text(layout)}{layers}{last_layer_text(layout, dtype)}")
 
 
 def grid_text(layout: TensorLayout, g: int, grid: Grid) -> str:
@@ -158,63 +129,69 @@ def grid_text(layout: TensorLayout, g: int, grid: Grid) -> str:
     return f"struct Grid{g} {{ enum {{ {fields} }}; }};\nunsigned cells{g}[4];\nlocate(Grid{g}(), cells{g});\n"
 
 
+PRODUCTS = """UNROLL for (int i = 0; i < 2; ++i) UNROLL for (int m = 0; m < 2; ++m)
+    multiply({c}[i], {start}, {a}, i ? w.z : w.x, i ? w.w : w.y);
+"""
+FINISH = "real z[2][4]; UNROLL for (int i = 0; i < 2; ++i) finish({c}[i], terms_at({biases}, 2 * j + i), z[i]);\n"
+
+
 def first_layer_text(layout: TensorLayout) -> str:
-    """`a0`, the operand of the next layer; features of 16 columns at a time are made and multiplied."""
+    """`a0`, the operand of the next layer; features of one product's inputs at a time are made and multiplied."""
     slabs = [(g, s) for g, count in enumerate(layout.slabs) for s in range(count)]
-    pairs, start = layout.sizes[1] // 16, start_text(0)
-    text = f"""unsigned a0[2][{pairs}][4];
-{{ real c[2][{pairs}][2][4];
+    pairs, each = layout.sizes[1] // 16, layout.step // 8
+    text = f"unsigned a0[2][{layout.sizes[1] // layout.step}][4];\n{{ Sum c[2][{pairs}][2][4];\n"
+    for block in range(layout.sizes[0] // layout.step):
+        some = enumerate(slabs[each * block : each * (block + 1)])
+        features = "".join(f"features_of(Grid{g}(), {s}, cells{g}, f[{k}]);\n" for k, (g, s) in some)
+        start = start_text(0) if block == 0 else ""
+        products = PRODUCTS.format(c="c[m][j]", start="start[i]" if block == 0 else "c[m][j][i]", a="a[m]")
+        text += f"""{{ unsigned f[{each}][4] = {{}}, a[2][4];
+{features}put_features(f, {each * block}, a);
+UNROLL for (int j = 0; j < {pairs}; ++j) {{ const uint4 w = weights_at({block * pairs} + j); {start}{products}}} }}
 """
-    for block in range(layout.sizes[0] // 16):
-        both = enumerate(slabs[2 * block : 2 * block + 2])
-        adds = "".join(f"add_slab(Grid{g}(), {s}, cells{g}, a, {half});\n" for half, (g, s) in both)
-        text += f"""{{ unsigned a[2][4] = {{}};
-{adds}UNROLL for (int j = 0; j < {pairs}; ++j) {{
-    const uint4 w = weights_at({block * pairs} + j);
-    {start if block == 0 else ""}UNROLL for (int m = 0; m < 2; ++m) {{
-        multiply(c[m][j][0], {"bias[0]" if block == 0 else "c[m][j][0]"}, a[m], w.x, w.y);
-        multiply(c[m][j][1], {"bias[1]" if block == 0 else "c[m][j][1]"}, a[m], w.z, w.w);
-    }} }} }}
+    finish = FINISH.format(c="c[m][j]", biases=0)
+    return f"""{text}UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {pairs}; ++j) {{
+{finish}put_outputs(z, 0, j, a0[m]);
+}} }}
 """
-    to_operands = f"UNROLL for (int j = 0; j < {pairs}; ++j) to_operand(c[m][j], a0[m][j]);"
-    return f"{text}UNROLL for (int m = 0; m < 2; ++m) {to_operands}\n}}\n"
 
 
-def start_text(at: int) -> str:
-    return f"real bias[2][4]; UNROLL for (int i = 0; i < 2; ++i) bias_at({at}, 2 * j + i, bias[i]);\n"
+def start_text(biases: int) -> str:
+    return f"Sum start[2][4]; UNROLL for (int i = 0; i < 2; ++i) begin(terms_at({biases}, 2 * j + i), start[i]);\n"
 
 
 def products_text(layout: TensorLayout, l: int) -> str:
     """`c`, the sums of layer l and outputs 16 j to 16 j + 15."""
-    blocks, pairs = layout.sizes[l] // 16, layout.sizes[l + 1] // 16
-    return f"""real c[2][2][4];
-{start_text(layout.biases[l])}UNROLL for (int b = 0; b < {blocks}; ++b) {{
-    const uint4 w = weights_at({layout.weights[l]} + b * {pairs} + j);
-    UNROLL for (int m = 0; m < 2; ++m) {{
-        multiply(c[m][0], b == 0 ? bias[0] : c[m][0], a{l - 1}[m][b], w.x, w.y);
-        multiply(c[m][1], b == 0 ? bias[1] : c[m][1], a{l - 1}[m][b], w.z, w.w);
-    }} }}
+    products = PRODUCTS.format(c="c[m]", start="b == 0 ? start[i] : c[m][i]", a=f"a{l - 1}[m][b]")
+    return f"""Sum c[2][2][4];
+{start_text(layout.biases[l])}UNROLL for (int b = 0; b < {layout.sizes[l] // layout.step}; ++b) {{
+const uint4 w = weights_at({layout.weights[l]} + b * {layout.sizes[l + 1] // 16} + j);
+{products}}}
 """
 
 
 def layer_text(layout: TensorLayout, l: int) -> str:
     """Hidden layer l, 16 outputs at a time: from the operand `a{l - 1}` to `a{l}`."""
-    pairs = layout.sizes[l + 1] // 16
-    return f"""unsigned a{l}[2][{pairs}][4];
-UNROLL for (int j = 0; j < {pairs}; ++j) {{
-{products_text(layout, l)}UNROLL for (int m = 0; m < 2; ++m) to_operand(c[m], a{l}[m][j]);
-}}
+    return f"""unsigned a{l}[2][{layout.sizes[l + 1] // layout.step}][4];
+UNROLL for (int j = 0; j < {layout.sizes[l + 1] // 16}; ++j) {{
+{products_text(layout, l)}UNROLL for (int m = 0; m < 2; ++m) {{
+{FINISH.format(c="c[m]", biases=layout.biases[l])}put_outputs(z, {l}, j, a{l}[m]);
+}} }}
 """
 
 
 def last_layer_text(layout: TensorLayout, dtype: type) -> str:
+    last = len(layout.spec.hidden)
     return f"""{{ constexpr int j = 0;
-{products_text(layout, len(layout.sizes) - 2)}{store_text(layout.spec.channels, dtype)}}}
+{products_text(layout, last)}real z[2][2][4];
+UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int i = 0; i < 2; ++i)
+    finish(c[m][i], terms_at({layout.biases[last]}, i), z[m][i]);
+{store_text(layout.spec.channels, dtype)}}}
 """
 
 
 def store_text(channels: int, dtype: type) -> str:
-    """Of the sums `c` those inside the rectangle to `values`: channels 8 i + 2 t and the next, in one piece if the
+    """Of the results `z` those inside the rectangle to `values`: channels 8 i + 2 t and the next, in one piece if the
     number of channels is even."""
     value, pair, word = {
         float: ("wp::float32", "float2", "make_float2(v0, v1)"),

@@ -1,13 +1,16 @@
 """`Decoder`: a neural texture's state on a device, for kernels and for whole pictures."""
 
 from functools import cached_property
+from typing import get_args
 
 import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError, find_device
+from warp_neural.kernels.errors import require
 from warp_neural.kernels.texture.layout import Layout
 from warp_neural.kernels.texture.spec import Grid
+from warp_neural.kernels.texture.tensor_layout import Precision
 from warp_neural.kernels.texture.texel import make_decode_kernel, make_params_type, make_texel
 from warp_neural.nn.mlp import MLP
 from warp_neural.texture.initial import make_network
@@ -22,10 +25,16 @@ DTYPES = wp.float32, wp.float16, wp.uint8
 
 class Decoder:
     """params: for kernels, of type `Params`. texel: `(params, i, j, mip) -> vector` of the channels that the network
-    has, see `make_texel`."""
+    has, see `make_texel`. precision: of the network on tensor cores, where whole pictures are decoded."""
 
-    def __init__(self, state: TextureState, device: wp.DeviceLike = None):
-        self.spec, self.device = state.spec, find_device(device)
+    def __init__(self, state: TextureState, device: wp.DeviceLike = None, precision: Precision = "float16"):
+        self.spec, self.device, self.precision = state.spec, find_device(device), precision
+        require(precision in get_args(Precision), "precision", precision, f"one of {', '.join(get_args(Precision))}")
+        if precision != "float16" and not can_decode(self.spec, self.device):
+            raise InputError(
+                f"precision {precision}: is for tensor cores, not for this texture on {self.device.alias}; "
+                "leave it at float16"
+            )
         self.net = network_of(state, self.device)
         self.Params = make_params_type(self.net.Params)
         params = self.params = self.Params()
@@ -42,7 +51,7 @@ class Decoder:
 
     @cached_property
     def tensor(self) -> TensorDecoder:
-        return TensorDecoder(self.spec, self.Params, self.params, self.net)
+        return TensorDecoder(self.spec, self.Params, self.params, self.net, self.precision)
 
     @cached_property
     def rows(self) -> RowDecoder:

@@ -1,6 +1,5 @@
-"""`TensorDecoder`: what the tensor-core kernel of whole pictures reads, see `kernels.texture.tensor_cores`."""
+"""`TensorDecoder`: decoding by tensor cores, and what its kernel reads, see `kernels.texture.tensor_layout`."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,14 +8,16 @@ import warp as wp
 from warp_neural.kernels.texture.spec import TextureSpec
 from warp_neural.kernels.texture.tensor_cores import (
     BLOCK,
-    TensorLayout,
+    make_inputs_kernel,
     make_table_kernel,
     make_tensor_decode_kernel,
     tensor_dim,
 )
+from warp_neural.kernels.texture.tensor_layout import Precision, TensorLayout
 from warp_neural.nn.mlp import MLP
 
 LOG2E = 1 / np.log(2)
+SAMPLES = 2**16  # texels that say what ranges bytes are for
 
 
 def can_decode(spec: TextureSpec, device: wp.Device) -> bool:
@@ -24,24 +25,44 @@ def can_decode(spec: TextureSpec, device: wp.Device) -> bool:
 
 
 class TensorDecoder:
-    """Of a texture's parameters and its network."""
+    """Of a texture's parameters and its network. precision: of the vectors between layers and of weights."""
 
-    def __init__(self, spec: TextureSpec, params_type: Any, params: Any, net: MLP):
-        self.spec, self.params_type, self.params, self.layout = spec, params_type, params, TensorLayout(spec)
-        self.device = net.device
-        self.tables = wp.zeros(8 * self.layout.tables[-1], dtype=wp.float16, device=self.device)
+    def __init__(self, spec: TextureSpec, params_type: Any, params: Any, net: MLP, precision: Precision = "float16"):
+        self.layout, self.params_type, self.params, self.device = (
+            TensorLayout(spec, precision),
+            params_type,
+            params,
+            net.device,
+        )
+        layers = network_layers(net)
+        if precision == "int8":
+            weights, biases, ranges = byte_layers(self.layout, layers, sample_inputs(spec, params_type, params))
+        else:
+            weights, biases, ranges = half_layers(self.layout, layers)
+        start = 8 * self.layout.tables[-1]
+        self.tables = wp.zeros(start + ranges.size, dtype=wp.float16, device=self.device)
+        if ranges.size:
+            self.tables[start:].assign(ranges)
         for g, grid in enumerate(spec.grids):
             dim = grid.scale, grid.scale, 8 * self.layout.slabs[g]
             wp.launch(make_table_kernel(spec, g), dim, [params.kernels, self.tables], device=self.device)
-        packed = packed_weights(self.layout, net.weights).view(np.uint32)
-        self.weights = wp.array(packed, dtype=wp.uint32, device=self.device)
-        self.biases = wp.array(padded_biases(self.layout, net.weights, net.biases), dtype=float, device=self.device)
+        self.weights = wp.array(weights.view(np.uint32), dtype=wp.uint32, device=self.device)
+        self.biases = wp.array(biases, dtype=float, device=self.device)
 
     def decode(self, mip: int, rectangle: tuple[int, int, int, int], values: wp.array) -> None:
         """rectangle: left, top, width, height. values: see `make_tensor_decode_kernel`."""
-        kernel = make_tensor_decode_kernel(self.spec, self.params_type, values.dtype)
+        kernel = make_tensor_decode_kernel(self.layout, self.params_type, values.dtype)
         inputs = [self.params, self.tables.view(wp.uint32), self.weights, self.biases, mip, rectangle, values]
         wp.launch(kernel, tensor_dim(*rectangle), inputs, device=self.device, block_dim=BLOCK, record_tape=False)
+
+
+def network_layers(net: MLP) -> list[tuple[np.ndarray, np.ndarray]]:
+    """float64 weights and biases, for vectors between layers that are log2 e times what they are."""
+    layers, last = [], len(net.weights) - 1
+    for l, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
+        out = LOG2E if l < last else 1.0
+        layers.append((np.float64(w) * out / (LOG2E if l > 0 else 1.0), np.float64(b) * out))
+    return layers
 
 
 def columns_of(layout: TensorLayout) -> np.ndarray:
@@ -50,26 +71,73 @@ def columns_of(layout: TensorLayout) -> np.ndarray:
     return np.concatenate([np.arange(grid.channels) + a for grid, a in zip(layout.spec.grids, starts, strict=False)])
 
 
-def packed_weights(layout: TensorLayout, weights: Sequence[np.ndarray]) -> np.ndarray:
-    """float16, in the order of `kernels.texture.tensor_cores`."""
-    parts, last = [], len(weights) - 1
-    for l, matrix in enumerate(weights):
-        padded = np.zeros((layout.sizes[l + 1], layout.sizes[l]), np.float32)
-        columns = columns_of(layout) if l == 0 else np.arange(matrix.shape[1])
-        padded[: len(matrix), columns] = matrix[:, : len(columns)]
-        padded *= (LOG2E if l < last else 1) / (LOG2E if l > 0 else 1)
-        by_lane = padded.reshape(-1, 2, 8, layout.sizes[l] // 16, 2, 4, 2)  # pairs, tile, g, blocks, half, t, k
-        parts.append(by_lane.transpose(3, 0, 2, 5, 1, 4, 6).ravel())
-    return np.concatenate(parts).astype(np.float16)
+def padded(layout: TensorLayout, l: int, matrix: np.ndarray) -> np.ndarray:
+    """[padded outputs, padded inputs] of layer l; the level of detail is left out."""
+    values = np.zeros((layout.sizes[l + 1], layout.sizes[l]))
+    columns = columns_of(layout) if l == 0 else np.arange(matrix.shape[1])
+    values[: len(matrix), columns] = matrix[:, : len(columns)]
+    return values
 
 
-def padded_biases(layout: TensorLayout, weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]) -> np.ndarray:
-    """float32, in the order of `kernels.texture.tensor_cores`."""
-    values = np.zeros((layout.spec.mips, 2 * layout.biases[-1]), np.float32)
-    for start, bias in zip(layout.biases, biases, strict=False):
-        values[:, 2 * start : 2 * start + len(bias)] = bias
-    if layout.spec.mips > 1:
-        detail = np.arange(layout.spec.mips)[:, None] / 8  # as `make_levels` has it
-        values[:, : len(biases[0])] += detail * weights[0][:, -1]
-    values[:, : 2 * layout.biases[-2]] *= LOG2E
-    return np.tile(values.reshape(-1, 1, 2), (1, 2, 1)).ravel()
+def dealt(layout: TensorLayout, matrix: np.ndarray) -> np.ndarray:
+    """Padded weights in the order of lanes."""
+    blocks = matrix.shape[1] // layout.step
+    if layout.precision == "int8":  # pairs, tile, g, blocks, half, slab of it, t, column
+        return matrix.reshape(-1, 2, 8, blocks, 2, 2, 4, 2).transpose(3, 0, 2, 6, 1, 4, 5, 7).ravel()
+    return matrix.reshape(-1, 2, 8, blocks, 2, 4, 2).transpose(3, 0, 2, 5, 1, 4, 6).ravel()  # ..., half, t, column
+
+
+def biases_of_mips(layout: TensorLayout, l: int, w: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """[mips, padded outputs], with the level of detail."""
+    values = np.zeros((layout.spec.mips, layout.sizes[l + 1]))
+    values[:, : len(b)] = b
+    if l == 0 and layout.spec.mips > 1:
+        values[:, : len(b)] += np.arange(layout.spec.mips)[:, None] / 8 * w[:, -1]  # as `make_levels` has it
+    return values
+
+
+def half_layers(layout: TensorLayout, layers: list) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights, biases and no ranges."""
+    weights = [dealt(layout, padded(layout, l, w)) for l, (w, _) in enumerate(layers)]
+    biases = [biases_of_mips(layout, l, w, b) for l, (w, b) in enumerate(layers)]
+    biases = np.concatenate(biases, 1).reshape(-1, 1, 2).repeat(2, 1)
+    return np.concatenate(weights).astype(np.float16), biases.astype(np.float32).ravel(), np.zeros(0, np.float16)
+
+
+def byte_layers(layout: TensorLayout, layers: list, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights, terms and ranges. x: of some texels, [n, n_in], what ranges are for.
+
+    Each output has a step of its weights, each input of the first layer a range of its own, each hidden layer one.
+    """
+    weights, terms, ranges = [], [], []
+    for l, (w, b) in enumerate(layers):
+        low, high = (x.min(0), x.max(0)) if l == 0 else (np.full(w.shape[1], -LOG2E), x.max())
+        scale = np.float64(np.float16(1 / np.maximum(high - low, 1e-3)))
+        scale, offset = np.broadcast_arrays(scale, np.float16(-low * scale).astype(np.float64))
+        by_code = padded(layout, l, w / (255 * scale))
+        step = np.maximum(np.abs(by_code).max(1), 1e-12) / 127
+        codes = np.rint(by_code / step[:, None])
+        weights.append(dealt(layout, codes))
+        zeros = padded(layout, l, np.broadcast_to(255 * offset, w.shape))[0]  # the codes of 0
+        start = biases_of_mips(layout, l, w, b) - step * (codes @ zeros + 1.5 * 2**23)
+        pairs = (np.broadcast_to(each, start.shape).reshape(len(start), -1, 2) for each in (step, start))
+        terms.append(np.stack([*pairs], 2))
+        pairs = np.stack([padded(layout, l, np.broadcast_to(each, w.shape))[0] for each in (scale, offset)])
+        pairs = pairs.reshape(2, -1, 2).transpose(1, 0, 2)  # [pairs of inputs, 2, 2]
+        ranges.append(pairs if l == 0 else pairs[:1])
+        z = x @ w.T + b
+        x = np.where(z > 0, z, (np.exp2(np.minimum(z, 0)) - 1) * LOG2E)
+    ranges = np.concatenate(ranges).astype(np.float16).ravel()
+    return np.concatenate(weights).astype(np.int8), np.concatenate(terms, 1).astype(np.float32).ravel(), ranges
+
+
+def sample_inputs(spec: TextureSpec, params_type: Any, params: Any) -> np.ndarray:
+    """The network's inputs at some texels of all levels, float64 [n, n_in]."""
+    rng, device = np.random.default_rng(0), params.latents.device
+    counts = np.array([np.prod(spec.size(mip)) for mip in range(spec.mips)])
+    mips = np.repeat(np.arange(spec.mips), np.maximum(np.minimum(counts, SAMPLES * counts // counts.sum()), 1))
+    rows, columns = (rng.integers(0, [spec.size(mip)[axis] for mip in mips]) for axis in range(2))
+    places = wp.array(np.stack([mips, rows, columns], 1), dtype=wp.vec3i, device=device)
+    values = wp.empty((len(mips), spec.n_in), dtype=float, device=device)
+    wp.launch(make_inputs_kernel(spec, params_type), len(mips), [params, places, values], device=device)
+    return values.numpy().astype(np.float64)

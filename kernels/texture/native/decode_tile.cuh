@@ -10,11 +10,6 @@ auto half_fma = [](unsigned a, unsigned b, unsigned c) {
     asm("fma.rn.f16x2 %0,%1,%2,%3;" : "=r"(r) : "r"(a), "r"(b), "r"(c));
     return r;
 };
-auto activate = [&](unsigned z) {  // ELU times log2 e, of z log2 e: max(z, (e^z - 1) log2 e)
-    unsigned e = half_min(z, 0u);
-    asm("ex2.approx.f16x2 %0,%0;" : "+r"(e));
-    return half_max(z, half_fma(e, 0x3dc53dc5u, 0xbdc5bdc5u));
-};
 // Places of the first latents of the cells that the block reads.
 auto locate = [&](auto grid, unsigned (&cells)[4]) {
     using G = decltype(grid);
@@ -48,8 +43,8 @@ auto latents_of = [&](auto grid, unsigned start, unsigned cell, unsigned c, unsi
     if constexpr (G::BITS == 4) return half_fma(v, 0x2c003c00u, (0xd400u + 16u * G::LIMIT) << 16 | low);
     return half_fma(v, 0x3c003c00u, low << 16 | low);
 };
-// Channels 8 s + 2 t and the next of all four texels, into half `half` of the operand `a`.
-auto add_slab = [&](auto grid, int s, const unsigned (&cells)[4], unsigned (&a)[2][4], int half) {
+// Channels 8 s + 2 t and the next of all four texels.
+auto features_of = [&](auto grid, int s, const unsigned (&cells)[4], unsigned (&f)[4]) {
     using G = decltype(grid);
     const unsigned channel = 8 * s + 2 * t, c = channel < G::CHANNELS ? channel : 0;  // padding has weights 0
     const unsigned start = params.starts.data[mip * GRIDS + G::INDEX];
@@ -61,19 +56,16 @@ auto add_slab = [&](auto grid, int s, const unsigned (&cells)[4], unsigned (&a)[
     UNROLL for (int i = 0; i < 4; ++i) {
         const uint4 w = __ldg(table + (4 * s + i) * phases * 4);
         const unsigned upper = half_fma(w.y, q[1], half_fma(w.x, q[0], 0x80008000u));
-        a[i / 2][2 * half + i % 2] = half_fma(w.w, q[3], half_fma(w.z, q[2], upper));
+        f[i] = half_fma(w.w, q[3], half_fma(w.z, q[2], upper));
     }
 };
-auto bias_at = [&](int at, int j, real (&c)[4]) {  // as sums that products are added to
-    const float4 bias = __ldg(reinterpret_cast<const float4*>(biases.data) + mip * LEVEL_BIASES + at + 4 * j + t);
-    c[0] = bias.x;
-    c[1] = bias.y;
-    c[2] = bias.z;
-    c[3] = bias.w;
+auto terms_at = [&](int at, int j) {  // of outputs 8 j + 2 t and the next
+    return __ldg(reinterpret_cast<const float4*>(biases.data) + mip * LEVEL_BIASES + at + 4 * j + t);
 };
 auto weights_at = [&](int at) { return __ldg(reinterpret_cast<const uint4*>(weights.data) + at * 32 + lane); };
-// Sums of 16 outputs, activated, as the operand of 16 inputs.
-auto to_operand = [&](const real (&c)[2][4], unsigned (&a)[4]) {
-    UNROLL for (int i = 0; i < 4; ++i) a[i] = activate(half_pack(c[i / 2][i % 2 * 2], c[i / 2][i % 2 * 2 + 1]));
+auto activate = [&](unsigned z) {  // ELU times log2 e, of z log2 e: max(z, (e^z - 1) log2 e)
+    unsigned e = half_min(z, 0u);
+    asm("ex2.approx.f16x2 %0,%0;" : "+r"(e));
+    return half_max(z, half_fma(e, 0x3dc53dc5u, 0xbdc5bdc5u));
 };
 auto code = [](real v) { return static_cast<unsigned>(__saturatef(v) * 255.0f + 0.5f); };

@@ -7,7 +7,7 @@ UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int h = 0; h < 2; ++h) {
     Value* texel = values.data + (row * rectangle.c[2] + column) * CHANNELS;
     UNROLL for (int i = 0; i < (CHANNELS + 7) / 8; ++i) {
         const int channel = 8 * i + 2 * t;
-        const Pair two = pair_of(c[m][i][2 * h], c[m][i][2 * h + 1]);
+        const Pair two = pair_of(z[m][i][2 * h], z[m][i][2 * h + 1]);
         if (CHANNELS % 2 == 0) {
             if (channel < CHANNELS) *reinterpret_cast<Pair*>(texel + channel) = two;
         } else {
