@@ -18,6 +18,7 @@ from warp_neural.nn.mlp import MLP
 
 LOG2E = 1 / np.log(2)
 SAMPLES = 2**16  # texels that say what ranges bytes are for
+MARGIN = 0.03  # of a range, beyond both ends: other texels than the samples
 
 
 def can_decode(spec: TextureSpec, device: wp.Device) -> bool:
@@ -112,10 +113,11 @@ def byte_layers(layout: TensorLayout, layers: list, x: np.ndarray) -> tuple[np.n
     weights, terms, ranges = [], [], []
     for l, (w, b) in enumerate(layers):
         low, high = (x.min(0), x.max(0)) if l == 0 else (np.full(w.shape[1], -LOG2E), x.max())
+        low, high = low - MARGIN * (high - low) * (l == 0), high + MARGIN * (high - low)
         scale = np.float64(np.float16(1 / np.maximum(high - low, 1e-3)))
         scale, offset = np.broadcast_arrays(scale, np.float16(-low * scale).astype(np.float64))
         by_code = padded(layout, l, w / (255 * scale))
-        step = np.maximum(np.abs(by_code).max(1), 1e-12) / 127
+        step = np.float32(np.maximum(np.abs(by_code).max(1), 1e-12) / 127).astype(np.float64)
         codes = np.rint(by_code / step[:, None])
         weights.append(dealt(layout, codes))
         zeros = padded(layout, l, np.broadcast_to(255 * offset, w.shape))[0]  # the codes of 0
@@ -132,11 +134,12 @@ def byte_layers(layout: TensorLayout, layers: list, x: np.ndarray) -> tuple[np.n
 
 
 def sample_inputs(spec: TextureSpec, params_type: Any, params: Any) -> np.ndarray:
-    """The network's inputs at some texels of all levels, float64 [n, n_in]."""
-    rng, device = np.random.default_rng(0), params.latents.device
-    counts = np.array([np.prod(spec.size(mip)) for mip in range(spec.mips)])
-    mips = np.repeat(np.arange(spec.mips), np.maximum(np.minimum(counts, SAMPLES * counts // counts.sum()), 1))
-    rows, columns = (rng.integers(0, [spec.size(mip)[axis] for mip in mips]) for axis in range(2))
+    """The network's inputs at all texels of all levels, or at some, float64 [n, n_in]."""
+    sizes, device = np.array([spec.size(mip) for mip in range(spec.mips)]), params.latents.device
+    ends = np.cumsum(sizes.prod(1))
+    texels = np.arange(ends[-1]) if ends[-1] <= SAMPLES else np.random.default_rng(0).integers(0, ends[-1], SAMPLES)
+    mips = np.searchsorted(ends, texels, "right")
+    rows, columns = np.divmod(texels - (ends - sizes.prod(1))[mips], sizes[mips, 1])
     places = wp.array(np.stack([mips, rows, columns], 1), dtype=wp.vec3i, device=device)
     values = wp.empty((len(mips), spec.n_in), dtype=float, device=device)
     wp.launch(make_inputs_kernel(spec, params_type), len(mips), [params, places, values], device=device)
