@@ -1,5 +1,8 @@
 """Whole pictures: on tensor cores what the kernel reads, its text, results; on the CPU by rows."""
 
+import shutil
+
+import emulated_warp
 import numpy as np
 import pytest
 import reference_texture as reference
@@ -8,7 +11,7 @@ import warp as wp
 from warp_neural.errors import InputError
 from warp_neural.kernels.nn.activations import elu
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
-from warp_neural.kernels.texture.tensor_cores import make_tensor_decode_kernel, tensor_dim
+from warp_neural.kernels.texture.tensor_cores import make_tensor_decode_kernel, tensor_dim, tile_text
 from warp_neural.kernels.texture.tensor_layout import TensorLayout
 from warp_neural.kernels.texture.texel import make_params_type
 from warp_neural.nn.mlp import MLP
@@ -166,3 +169,22 @@ def test_threads_on_the_cpu_give_equal_results(monkeypatch):
     values = wp.zeros((150, 131, 5), dtype=float, device="cpu")
     decoder.decode_alone(0, (0, 0, 131, 150), values)
     np.testing.assert_allclose(alone, values.numpy(), atol=4e-3)  # roundings to float16 differ
+
+
+ODD = Grid(2, 5, bits=2), Grid(4, 7), Grid(8, 9, "separable", bits=3), Grid(16, 11, "bilinear", bits=1)
+WHOLE = Grid(4, 16, bits=4), Grid(8, 24)  # cells of whole words
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="no g++ to run CUDA text with")
+@pytest.mark.parametrize(
+    "grids, channels, precision, limit",
+    [(GRIDS, 10, "float16", 2e-3), (ODD, 9, "int8", 4e-2), (WHOLE, 3, "float16", 2e-3), (WHOLE, 8, "int8", 4e-2)],
+)
+def test_the_kernel_on_a_warp_of_the_host(grids, channels, precision, limit, tmp_path):
+    """Lanes, fragments, latents of all formats, edges that wrap and rectangles, as on a GPU."""
+    state = make_state(TextureSpec(24, 40, channels, 2, grids, (64, 64)))
+    decoder = Decoder(state, "cpu")
+    tensor = TensorDecoder(state.spec, decoder.Params, decoder.params, decoder.net, precision)
+    values = emulated_warp.decode(tensor, tile_text(tensor.layout, float), tmp_path, 0, (5, 3, 35, 20))
+    expected = truth(state, 0)[3:23, 5:40]
+    assert np.sqrt(np.mean((values - expected) ** 2)) < limit * expected.std()
