@@ -1,8 +1,8 @@
 """Whole pictures of a neural texture on tensor cores: a warp decodes 8 x 4 texels, all in registers.
 
 The features of a 2 x 2 block of texels, which is in one cell of every grid, are sums of float16 in the lanes that hold
-them as the operand of `mma.sync`; products sum in float32, activations are of float16. Channels of each grid are padded
-to slabs of 8 columns of the first layer, two slabs a product.
+them as the operand of `mma.sync`. Hidden layers sum in float16 too, the last in float32. Channels of each grid are
+padded to slabs of 8 columns of the first layer, two slabs a product, four of bytes.
 """
 
 from functools import cache
@@ -111,10 +111,11 @@ def tile_text(layout: TensorLayout, dtype: type) -> str:
     spec = layout.spec
     if layout.precision == "int8":
         operands = paste(NATIVE / "byte_operands.cuh", RANGES=2 * layout.tables[-1], HIDDEN=layout.sizes[0] // 2)
-        kind, multiply = "integer", mma("multiply", INT8, "integer").replace(".s8.s8.", ".u8.s8.")
+        products = mma("multiply", INT8, "integer").replace(".s8.s8.", ".u8.s8.") + "auto multiply_last = multiply;\n"
     else:
-        operands, kind, multiply = paste(NATIVE / "half_operands.cuh"), "real", mma("multiply", FLOAT16, "real")
-    names = f"{paste(COOPVEC / 'lanes.cuh')}{paste(COOPVEC / 'halves.cuh')}using Sum = {kind};\n{multiply}"
+        operands = paste(NATIVE / "half_operands.cuh")
+        products = mma("multiply", FLOAT16, "unsigned") + mma("multiply_last", FLOAT16, "real")
+    names = f"{paste(COOPVEC / 'lanes.cuh')}{paste(COOPVEC / 'halves.cuh')}{products}"
     names += paste(NATIVE / "decode_tile.cuh", GRIDS=len(spec.grids), LEVEL_BIASES=layout.biases[-1]) + operands
     grids = "".join(grid_text(layout, g, grid) for g, grid in enumerate(spec.grids))
     layers = "".join(layer_text(layout, l) for l in range(1, len(spec.hidden)))
@@ -130,21 +131,21 @@ def grid_text(layout: TensorLayout, g: int, grid: Grid) -> str:
 
 
 PRODUCTS = """UNROLL for (int i = 0; i < 2; ++i) UNROLL for (int m = 0; m < 2; ++m)
-    multiply({c}[i], {start}, {a}, i ? w.z : w.x, i ? w.w : w.y);
+    multiply{last}({c}[i], {start}, {a}, i ? w.z : w.x, i ? w.w : w.y);
 """
-FINISH = "real z[2][4]; UNROLL for (int i = 0; i < 2; ++i) finish({c}[i], terms_at({biases}, 2 * j + i), z[i]);\n"
+FINISH = "unsigned z[2][2]; UNROLL for (int i = 0; i < 2; ++i) finish({c}[i], terms_at({biases}, 2 * j + i), z[i]);\n"
 
 
 def first_layer_text(layout: TensorLayout) -> str:
     """`a0`, the operand of the next layer; features of one product's inputs at a time are made and multiplied."""
     slabs = [(g, s) for g, count in enumerate(layout.slabs) for s in range(count)]
     pairs, each = layout.sizes[1] // 16, layout.step // 8
-    text = f"unsigned a0[2][{layout.sizes[1] // layout.step}][4];\n{{ Sum c[2][{pairs}][2][4];\n"
+    text = f"unsigned a0[2][{layout.sizes[1] // layout.step}][4];\n{{ Sum c[2][{pairs}][2];\n"
     for block in range(layout.sizes[0] // layout.step):
         some = enumerate(slabs[each * block : each * (block + 1)])
         features = "".join(f"features_of(Grid{g}(), {s}, cells{g}, f[{k}]);\n" for k, (g, s) in some)
         start = start_text(0) if block == 0 else ""
-        products = PRODUCTS.format(c="c[m][j]", start="start[i]" if block == 0 else "c[m][j][i]", a="a[m]")
+        products = PRODUCTS.format(last="", c="c[m][j]", start="start[i]" if block == 0 else "c[m][j][i]", a="a[m]")
         text += f"""{{ unsigned f[{each}][4] = {{}}, a[2][4];
 {features}put_features(f, {each * block}, a);
 UNROLL for (int j = 0; j < {pairs}; ++j) {{ const uint4 w = weights_at({block * pairs} + j); {start}{products}}} }}
@@ -156,15 +157,16 @@ UNROLL for (int j = 0; j < {pairs}; ++j) {{ const uint4 w = weights_at({block * 
 """
 
 
-def start_text(biases: int) -> str:
-    return f"Sum start[2][4]; UNROLL for (int i = 0; i < 2; ++i) begin(terms_at({biases}, 2 * j + i), start[i]);\n"
+def start_text(biases: int, last: str = "") -> str:
+    places = f"begin{last}(terms_at({biases}, 2 * j + i), start[i]);"
+    return f"{'LastSum' if last else 'Sum'} start[2]; UNROLL for (int i = 0; i < 2; ++i) {places}\n"
 
 
-def products_text(layout: TensorLayout, l: int) -> str:
-    """`c`, the sums of layer l and outputs 16 j to 16 j + 15."""
-    products = PRODUCTS.format(c="c[m]", start="b == 0 ? start[i] : c[m][i]", a=f"a{l - 1}[m][b]")
-    return f"""Sum c[2][2][4];
-{start_text(layout.biases[l])}UNROLL for (int b = 0; b < {layout.sizes[l] // layout.step}; ++b) {{
+def products_text(layout: TensorLayout, l: int, last: str = "") -> str:
+    """`c`, the sums of layer l and outputs 16 j to 16 j + 15. last: "_last" of the last one."""
+    products = PRODUCTS.format(last=last, c="c[m]", start="b == 0 ? start[i] : c[m][i]", a=f"a{l - 1}[m][b]")
+    return f"""{"LastSum" if last else "Sum"} c[2][2];
+{start_text(layout.biases[l], last)}UNROLL for (int b = 0; b < {layout.sizes[l] // layout.step}; ++b) {{
 const uint4 w = weights_at({layout.weights[l]} + b * {layout.sizes[l + 1] // 16} + j);
 {products}}}
 """
@@ -183,9 +185,9 @@ UNROLL for (int j = 0; j < {layout.sizes[l + 1] // 16}; ++j) {{
 def last_layer_text(layout: TensorLayout, dtype: type) -> str:
     last = len(layout.spec.hidden)
     return f"""{{ constexpr int j = 0;
-{products_text(layout, last)}real z[2][2][4];
+{products_text(layout, last, "_last")}real z[2][2][4];
 UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int i = 0; i < 2; ++i)
-    finish(c[m][i], terms_at({layout.biases[last]}, i), z[m][i]);
+    finish_last(c[m][i], terms_at({layout.biases[last]}, i), z[m][i]);
 {store_text(layout.spec.channels, dtype)}}}
 """
 

@@ -79,3 +79,9 @@ template <class T> void ptx_mma(T (&d)[4], const T (&c)[4], const unsigned (&a)[
     }
     meeting.arrive_and_wait();
 }
+void ptx_mma(unsigned (&d)[2], const unsigned (&c)[2], const unsigned (&a)[4], unsigned b0, unsigned b1) {
+    float sums[4];
+    for (int i = 0; i < 4; ++i) sums[i] = part(c[i / 2], i % 2);
+    ptx_mma<float>(sums, sums, a, b0, b1);
+    for (int i = 0; i < 2; ++i) d[i] = pair(sums[2 * i], sums[2 * i + 1]);
+}

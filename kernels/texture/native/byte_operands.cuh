@@ -2,10 +2,19 @@
 // Names: decode_tile.cuh; terms: steps and biases of two outputs, biases less what the sum starts from; RANGES: where they
 // begin, in 8 bytes; HIDDEN: those of layers after the ones of features.
 
-auto begin = [](float4 terms, integer (&c)[4]) { UNROLL for (int i = 0; i < 4; ++i) c[i] = 0x4b400000; };  // 1.5 * 2^23
-auto finish = [](const integer (&c)[4], float4 terms, real (&z)[4]) {
+typedef integer Sum[4];
+typedef Sum LastSum;
+auto begin = [](float4 terms, Sum& c) { UNROLL for (int i = 0; i < 4; ++i) c[i] = 0x4b400000; };  // 1.5 * 2^23
+auto begin_last = begin;
+auto finish_last = [](const Sum& c, float4 terms, real (&z)[4]) {
     UNROLL for (int i = 0; i < 4; ++i)
         z[i] = fmaf(__int_as_float(c[i]), i % 2 ? terms.y : terms.x, i % 2 ? terms.w : terms.z);
+};
+auto finish = [&](const Sum& c, float4 terms, unsigned (&z)[2]) {
+    real v[4];
+    finish_last(c, terms, v);
+    z[0] = half_pack(v[0], v[1]);
+    z[1] = half_pack(v[2], v[3]);
 };
 auto half_fma_sat = [](unsigned a, unsigned b, unsigned c) {
     unsigned r;
@@ -27,11 +36,11 @@ auto put_features = [&](unsigned (&f)[4][4], int slab, unsigned (&a)[2][4]) {
         a[i / 2 % 2][i / 4 * 2 + i % 2] = __byte_perm(f[i / 4 * 2][i % 4], f[i / 4 * 2 + 1][i % 4], 0x6420);
 };
 // Activations of 16 outputs, half of an operand.
-auto put_outputs = [&](const real (&z)[2][4], int layer, int j, unsigned (*a)[4]) {
+auto put_outputs = [&](const unsigned (&z)[2][2], int layer, int j, unsigned (*a)[4]) {
     const uint2 range = range_at(HIDDEN + layer);
     UNROLL for (int h = 0; h < 2; ++h) {
         unsigned v[2];
-        UNROLL for (int i = 0; i < 2; ++i) v[i] = rounded(activate(half_pack(z[i][2 * h], z[i][2 * h + 1])), range);
+        UNROLL for (int i = 0; i < 2; ++i) v[i] = rounded(activate(z[i][h]), range);
         a[j / 2][j % 2 * 2 + h] = __byte_perm(v[0], v[1], 0x6420);
     }
 };
