@@ -96,16 +96,26 @@ def matrix_of(layout, packed, l):
     return lanes.transpose(1, 4, 2, 0, 5, 3, 6).reshape(n_out, n_in)
 
 
-@pytest.mark.parametrize("dtype", [float, wp.float16, wp.uint8])
+@pytest.mark.parametrize("dtype", [wp.float32, wp.float16, wp.uint8])
 @pytest.mark.parametrize("arch", [75, 80, 90])
 def test_compiles(arch, dtype, tmp_path):
     """For older ones the kernel is empty, and `can_decode` says so."""
-    spec = TextureSpec(40, 52, 9 if dtype is float else 10, 2, GRIDS, (64, 64))
+    spec = TextureSpec(40, 52, 9 if dtype is wp.float32 else 10, 2, GRIDS, (64, 64))
     layout = TensorLayout(spec, "int8" if dtype is wp.float16 else "float16")
     net = MLP(spec.n_in, spec.channels, 64, 1, activation=elu, device="cpu")
     kernel = make_tensor_decode_kernel(layout, make_params_type(net.Params), dtype)
     (artifact,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
+
+
+@pytest.mark.parametrize("precision", ["float16", "int8"])
+def test_launches_fit(precision):
+    """The kernel takes its arguments; on the CPU it does nothing."""
+    decoder = Decoder(make_state(SPEC), "cpu")
+    tensor = TensorDecoder(SPEC, decoder.Params, decoder.params, decoder.net, precision)
+    values = wp.full((8, 9, 10), 7.0, dtype=float, device="cpu")
+    tensor.decode(0, (3, 2, 9, 8), values)
+    assert (values.numpy() == 7).all()
 
 
 def test_tiles_cover_rectangles():
@@ -120,13 +130,13 @@ def test_which_textures_fit():
 
 
 @pytest.mark.parametrize("channels", [3, 8, 10])
-@pytest.mark.parametrize("dtype", [float, wp.float16, wp.uint8])
+@pytest.mark.parametrize("dtype", [wp.float32, wp.float16, wp.uint8])
 def test_decoded_into_arrays(device, channels, dtype):
     spec = TextureSpec(40, 52, channels, 2, GRIDS, (64, 64))
     state = make_state(spec)
     decoder = Decoder(state, device)
     values = wp.empty((11, 29, channels), dtype=dtype, device=device)
-    if device.is_cpu and dtype is not float:
+    if device.is_cpu and dtype is not wp.float32:
         with pytest.raises(InputError, match=r"results are \(11, 29, \d+\), of one of float32, contiguous on cpu"):
             decoder.decode_to(values, 0, (13, 22, 29, 11))
         return
@@ -185,6 +195,6 @@ def test_the_kernel_on_a_warp_of_the_host(grids, channels, precision, limit, tmp
     state = make_state(TextureSpec(24, 40, channels, 2, grids, (64, 64)))
     decoder = Decoder(state, "cpu")
     tensor = TensorDecoder(state.spec, decoder.Params, decoder.params, decoder.net, precision)
-    values = emulated_warp.decode(tensor, tile_text(tensor.layout, float), tmp_path, 0, (5, 3, 35, 20))
+    values = emulated_warp.decode(tensor, tile_text(tensor.layout, wp.float32), tmp_path, 0, (5, 3, 35, 20))
     expected = truth(state, 0)[3:23, 5:40]
     assert np.sqrt(np.mean((values - expected) ** 2)) < limit * expected.std()

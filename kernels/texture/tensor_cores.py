@@ -63,12 +63,12 @@ def make_inputs_kernel(spec: TextureSpec, params_type: Any) -> wp.Kernel:
 @cache
 def make_tensor_decode_kernel(layout: TensorLayout, params_type: Any, dtype: type) -> wp.Kernel:
     """Texels of a rectangle (left, top, width, height) of a level to `values` [height, width, channels], contiguous:
-    float, `wp.float16`, or `wp.uint8`, 0 to 255 as 0 to 1. dim: `tensor_dim`. For CUDA from sm_80 on."""
+    `wp.float32`, `wp.float16`, or `wp.uint8`, 0 to 255 as 0 to 1. dim: `tensor_dim`. For CUDA from sm_80 on."""
 
     @wp.func_native(f"#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800\n{tile_text(layout, dtype)}\n#endif\n")
     def decode_tile(
         params: params_type,
-        tables: wp.array[wp.uint32],
+        tables: wp.array[wp.float16],
         weights: wp.array[wp.uint32],
         biases: wp.array[float],
         mip: int,
@@ -81,7 +81,7 @@ def make_tensor_decode_kernel(layout: TensorLayout, params_type: Any, dtype: typ
     @wp.kernel(module="unique", enable_backward=False)
     def tensor_decode_kernel(
         params: params_type,
-        tables: wp.array[wp.uint32],
+        tables: wp.array[wp.float16],
         weights: wp.array[wp.uint32],
         biases: wp.array[float],
         mip: int,
@@ -196,7 +196,7 @@ def store_text(channels: int, dtype: type) -> str:
     """Of the results `z` those inside the rectangle to `values`: channels 8 i + 2 t and the next, in one piece if the
     number of channels is even."""
     value, pair, word = {
-        float: ("wp::float32", "float2", "make_float2(v0, v1)"),
+        wp.float32: ("wp::float32", "float2", "make_float2(v0, v1)"),
         wp.float16: ("wp::float16", "unsigned", "half_pack(v0, v1)"),
         wp.uint8: ("wp::uint8", "unsigned short", "static_cast<unsigned short>(code(v0) | code(v1) << 8)"),
     }[dtype]

@@ -53,7 +53,7 @@ class TensorDecoder:
     def decode(self, mip: int, rectangle: tuple[int, int, int, int], values: wp.array) -> None:
         """rectangle: left, top, width, height. values: see `make_tensor_decode_kernel`."""
         kernel = make_tensor_decode_kernel(self.layout, self.params_type, values.dtype)
-        inputs = [self.params, self.tables.view(wp.uint32), self.weights, self.biases, mip, rectangle, values]
+        inputs = [self.params, self.tables, self.weights, self.biases, mip, rectangle, values]
         wp.launch(kernel, tensor_dim(*rectangle), inputs, device=self.device, block_dim=BLOCK, record_tape=False)
 
 
