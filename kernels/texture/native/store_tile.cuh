@@ -4,7 +4,7 @@
 UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int h = 0; h < 2; ++h) {
     const int row = static_cast<int>(y) + m - rectangle.c[1], column = static_cast<int>(x) + h - rectangle.c[0];
     if (row < 0 || row >= rectangle.c[3] || column < 0 || column >= rectangle.c[2]) continue;
-    Value* texel = values.data + (row * rectangle.c[2] + column) * CHANNELS;
+    Value* texel = values.data + (static_cast<size_t>(row) * rectangle.c[2] + column) * CHANNELS;
     UNROLL for (int i = 0; i < (CHANNELS + 7) / 8; ++i) {
         const int channel = 8 * i + 2 * t;
         const Pair two = pair_of(z[m][i][2 * h], z[m][i][2 * h + 1]);
