@@ -59,8 +59,8 @@ def test_tables_and_weights_give_the_texture(precision, limit):
         matrix = matrix_of(layout, packed, l)
         steps, biases = (terms[layout.biases[l] : layout.biases[l + 1], i].ravel() for i in range(2))
         if bytes_:
-            part = ranges[: layout.sizes[0] // 2] if l == 0 else ranges[layout.sizes[0] // 2 + l - 1]
-            scale, offset = (part[:, 0].ravel(), part[:, 1].ravel()) if l == 0 else (part[0, 0], part[1, 0])
+            first = sum(layout.sizes[:l]) // 2
+            scale, offset = (ranges[first : first + layout.sizes[l] // 2, i].ravel() for i in range(2))
             codes = np.rint(255 * np.clip(x * np.float64(scale) + np.float64(offset), 0, 1))
             x = (codes @ matrix.T + 1.5 * 2**23) * steps + biases
         else:

@@ -177,7 +177,7 @@ def layer_text(layout: TensorLayout, l: int) -> str:
     return f"""unsigned a{l}[2][{layout.sizes[l + 1] // layout.step}][4];
 UNROLL for (int j = 0; j < {layout.sizes[l + 1] // 16}; ++j) {{
 {products_text(layout, l)}UNROLL for (int m = 0; m < 2; ++m) {{
-{FINISH.format(c="c[m]", biases=layout.biases[l])}put_outputs(z, {l}, j, a{l}[m]);
+{FINISH.format(c="c[m]", biases=layout.biases[l])}put_outputs(z, {layout.biases[l]}, j, a{l}[m]);
 }} }}
 """
 

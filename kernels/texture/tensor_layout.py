@@ -10,7 +10,7 @@ of outputs][2][2]: float32, each pair twice, as sums have rows g and g + 8; of t
 By int8 vectors are unsigned bytes q = 255 (v a + b), where v is a value; weights [layer][32 inputs][16 outputs][lane]
 [16] signed bytes, of a lane the columns 2 t and 2 t + 1 of slabs 0 to 3, in steps of each output; biases [mip][layer]
 [pairs of outputs][2][2] pairs of steps and of biases, less 1.5 * 2^23 steps. Behind the tables lie pairs of a and of b,
-float16 [pairs of inputs][2][2], then for each hidden layer one of each.
+float16 [layer][pairs of inputs][2][2].
 """
 
 from dataclasses import dataclass

@@ -18,6 +18,7 @@ from warp_neural.nn.mlp import MLP
 
 LOG2E = 1 / np.log(2)
 SAMPLES = 2**16  # texels that say what ranges bytes are for
+RIDGE = 1e-3
 MARGIN = 0.03  # of a range, beyond both ends: other texels than the samples
 
 
@@ -108,29 +109,48 @@ def half_layers(layout: TensorLayout, layers: list) -> tuple[np.ndarray, np.ndar
 def byte_layers(layout: TensorLayout, layers: list, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights, terms and ranges. x: of some texels, [n, n_in], what ranges are for.
 
-    Each output has a step of its weights, each input of the first layer a range of its own, each hidden layer one.
+    Each output has a step of its weights, each input a range. Weights and biases are refitted by least squares to what
+    the exact network gives of these texels, from the inputs that bytes hold.
     """
-    weights, terms, ranges = [], [], []
+    weights, terms, ranges, rounded = [], [], [], x
     for l, (w, b) in enumerate(layers):
-        low, high = (x.min(0), x.max(0)) if l == 0 else (np.full(w.shape[1], -LOG2E), x.max())
-        low, high = low - MARGIN * (high - low) * (l == 0), high + MARGIN * (high - low)
-        scale = np.float64(np.float16(1 / np.maximum(high - low, 1e-3)))
-        scale, offset = np.broadcast_arrays(scale, np.float16(-low * scale).astype(np.float64))
+        scale, offset = ranges_of(x)
+        codes = np.rint(255 * np.clip(rounded * scale + offset, 0, 1))
+        z = x @ w.T + b
+        w, b = refitted((codes / 255 - offset) / scale, z, w, b)
         by_code = padded(layout, l, w / (255 * scale))
         step = np.float32(np.maximum(np.abs(by_code).max(1), 1e-12) / 127).astype(np.float64)
-        codes = np.rint(by_code / step[:, None])
-        weights.append(dealt(layout, codes))
-        zeros = padded(layout, l, np.broadcast_to(255 * offset, w.shape))[0]  # the codes of 0
-        start = biases_of_mips(layout, l, w, b) - step * (codes @ zeros + 1.5 * 2**23)
-        pairs = (np.broadcast_to(each, start.shape).reshape(len(start), -1, 2) for each in (step, start))
-        terms.append(np.stack([*pairs], 2))
-        pairs = np.stack([padded(layout, l, np.broadcast_to(each, w.shape))[0] for each in (scale, offset)])
-        pairs = pairs.reshape(2, -1, 2).transpose(1, 0, 2)  # [pairs of inputs, 2, 2]
-        ranges.append(pairs if l == 0 else pairs[:1])
-        z = x @ w.T + b
-        x = np.where(z > 0, z, (np.exp2(np.minimum(z, 0)) - 1) * LOG2E)
+        by_code = np.rint(by_code / step[:, None])
+        weights.append(dealt(layout, by_code))
+        pairs = np.stack([padded(layout, l, each[None])[0] for each in (scale, offset)])  # [2, padded inputs]
+        ranges.append(pairs.reshape(2, -1, 2).transpose(1, 0, 2))
+        start = biases_of_mips(layout, l, w, b) - step * (by_code @ (255 * pairs[1]) + 1.5 * 2**23)
+        both = (np.broadcast_to(each, start.shape).reshape(len(start), -1, 2) for each in (step, start))
+        terms.append(np.stack([*both], 2))
+        x, rounded = activated(z), activated((codes / 255 - offset) / scale @ w.T + b)
     ranges = np.concatenate(ranges).astype(np.float16).ravel()
     return np.concatenate(weights).astype(np.int8), np.concatenate(terms, 1).astype(np.float32).ravel(), ranges
+
+
+def ranges_of(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """a and b of each column, float16 numbers: a v + b is 0 to 1."""
+    low, high = x.min(0), x.max(0)
+    low, high = low - MARGIN * (high - low), high + MARGIN * (high - low)
+    scale = np.float16(1 / np.maximum(high - low, 1e-3)).astype(np.float64)
+    return scale, np.float16(-low * scale).astype(np.float64)
+
+
+def refitted(x: np.ndarray, z: np.ndarray, w: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares of w x + b - z, with a little weight on staying near w and b."""
+    ones = np.concatenate([x, np.ones((len(x), 1))], 1)
+    squares = ones.T @ ones
+    change = np.linalg.solve(squares + RIDGE * np.diag(np.diag(squares) + 1e-6), ones.T @ (z - x @ w.T - b))
+    return w + change[:-1].T, b + change[-1]
+
+
+def activated(z: np.ndarray) -> np.ndarray:
+    """ELU times log2 e, of z log2 e."""
+    return np.where(z > 0, z, (np.exp2(np.minimum(z, 0)) - 1) * LOG2E)
 
 
 def sample_inputs(spec: TextureSpec, params_type: Any, params: Any) -> np.ndarray:

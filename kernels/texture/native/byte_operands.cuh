@@ -35,12 +35,12 @@ auto put_features = [&](unsigned (&f)[4][4], int slab, unsigned (&a)[2][4]) {
     UNROLL for (int i = 0; i < 8; ++i)
         a[i / 2 % 2][i / 4 * 2 + i % 2] = __byte_perm(f[i / 4 * 2][i % 4], f[i / 4 * 2 + 1][i % 4], 0x6420);
 };
-// Activations of 16 outputs, half of an operand.
+// Activations of 16 outputs, half of an operand; layer: where its biases begin.
 auto put_outputs = [&](const unsigned (&z)[2][2], int layer, int j, unsigned (*a)[4]) {
-    const uint2 range = range_at(HIDDEN + layer);
+    const uint2 range[2] = {range_at(HIDDEN + layer + 8 * j + t), range_at(HIDDEN + layer + 8 * j + 4 + t)};
     UNROLL for (int h = 0; h < 2; ++h) {
         unsigned v[2];
-        UNROLL for (int i = 0; i < 2; ++i) v[i] = rounded(activate(z[i][h]), range);
+        UNROLL for (int i = 0; i < 2; ++i) v[i] = rounded(activate(z[i][h]), range[i]);
         a[j / 2][j % 2 * 2 + h] = __byte_perm(v[0], v[1], 0x6420);
     }
 };
