@@ -65,6 +65,8 @@ def make_tensor_decode_kernel(layout: TensorLayout, params_type: Any, dtype: typ
     """Texels of a rectangle (left, top, width, height) of a level to `values` [height, width, channels], contiguous:
     `wp.float32`, `wp.float16`, or `wp.uint8`, 0 to 255 as 0 to 1. dim: `tensor_dim`. For CUDA from sm_80 on."""
 
+    bounds = (BLOCK, 4) if layout.precision == "int8" else None  # 128 registers in place of 180
+
     @wp.func_native(f"#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800\n{tile_text(layout, dtype)}\n#endif\n")
     def decode_tile(
         params: params_type,
@@ -78,7 +80,7 @@ def make_tensor_decode_kernel(layout: TensorLayout, params_type: Any, dtype: typ
         values: wp.array3d[dtype],
     ): ...
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=bounds)
     def tensor_decode_kernel(
         params: params_type,
         tables: wp.array[wp.float16],
@@ -151,7 +153,7 @@ def first_layer_text(layout: TensorLayout) -> str:
 UNROLL for (int j = 0; j < {pairs}; ++j) {{ const uint4 w = weights_at({block * pairs} + j); {start}{products}}} }}
 """
     finish = FINISH.format(c="c[m][j]", biases=0)
-    return f"""{text}UNROLL for (int m = 0; m < 2; ++m) UNROLL for (int j = 0; j < {pairs}; ++j) {{
+    return f"""{text}UNROLL for (int j = 0; j < {pairs}; ++j) UNROLL for (int m = 0; m < 2; ++m) {{
 {finish}put_outputs(z, 0, j, a0[m]);
 }} }}
 """
