@@ -7,11 +7,13 @@ import pytest
 import reference_filtering
 import reference_texture
 import warp as wp
+from texture_maps import results_of
 
 import warp_neural as wn
 from warp_neural.errors import InputError
 from warp_neural.kernels.texture.filters import ellipse
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
+from warp_neural.texture.kinds import to_maps
 from warp_neural.texture.state import Map, Tensor, TextureState
 from warp_neural.texture.texture import Texture
 
@@ -39,7 +41,7 @@ def random_state(spec, seed=0):
 @cache
 def levels_of(texture):
     """What the device has as texels, [height, width, channels] of each level, float64."""
-    maps = [texture.decode(mip).values() for mip in range(SPEC.mips)]
+    maps = [to_maps(results_of(texture.decoder, mip), texture.state.maps).values() for mip in range(SPEC.mips)]
     return [np.concatenate(list(level), -1).astype(np.float64) for level in maps]
 
 

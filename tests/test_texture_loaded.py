@@ -10,6 +10,7 @@ from texture_maps import (
     make_samples_kernel,
     make_texture,
     random_points,
+    results_of,
     samples,
     texels,
     trilinear,
@@ -44,7 +45,7 @@ def expected_texels(levels, places):
 def coded_levels(texture, bits):
     """By NumPy, from what the decoder gives."""
     most, maps = 2**bits - 1, texture.state.maps
-    results = [texture.decoder.decode(mip) for mip in range(MIPS)]
+    results = [results_of(texture.decoder, mip) for mip in range(MIPS)]
     rounded = [np.float32(np.floor(np.clip(y, 0, 1) * np.float32(most) + np.float32(0.5))) / most for y in results]
     return [channels_of(maps, to_maps(level, maps)) for level in rounded]
 

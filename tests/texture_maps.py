@@ -34,6 +34,14 @@ def make_texture(device, height=40, width=56, mips=4, maps=MAPS, seed=3):
     return Texture(replace(state, maps=maps, tensors=tensors), device)
 
 
+def results_of(decoder, mip):
+    """[height, width, channels]: results of the network as threads have them that read single texels."""
+    height, width = decoder.spec.size(mip)
+    values = wp.empty((height, width, decoder.spec.channels), dtype=float, device=decoder.device)
+    decoder.decode_alone(mip, (0, 0, width, height), values)
+    return values.numpy()
+
+
 @cache
 def make_texels_kernel(texel, params_type, channels):
     @wp.kernel(module="unique", enable_backward=False)

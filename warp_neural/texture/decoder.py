@@ -12,9 +12,12 @@ from warp_neural.kernels.texture.texel import make_decode_kernel, make_params_ty
 from warp_neural.nn.mlp import MLP
 from warp_neural.texture.initial import make_network
 from warp_neural.texture.levels import make_levels
+from warp_neural.texture.rows import RowDecoder
 from warp_neural.texture.state import TextureState
+from warp_neural.texture.tensor_cores import TensorDecoder, can_decode
 
 BLOCK = 256
+DTYPES = wp.float32, wp.float16, wp.uint8
 
 
 class Decoder:
@@ -37,19 +40,53 @@ class Decoder:
     def texel(self) -> wp.Function:
         return make_texel(self.spec, self.net.func, self.Params)
 
+    @cached_property
+    def tensor(self) -> TensorDecoder:
+        return TensorDecoder(self.spec, self.Params, self.params, self.net)
+
+    @cached_property
+    def rows(self) -> RowDecoder:
+        return RowDecoder(self.spec, self.Params, self.params, self.net)
+
     def decode(self, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> np.ndarray:
-        """The channels of the network, float32 [height, width, channels]. rectangle: left, top, width, height."""
+        """The channels of the network, float32 [height, width, channels]. rectangle: left, top, width, height.
+
+        On CUDA from sm_80 on by tensor cores, with features and vectors between layers of float16."""
+        _, _, w, h = self._inside(mip, rectangle)
+        values = wp.empty((h, w, self.spec.channels), dtype=float, device=self.device)
+        self.decode_to(values, mip, rectangle)
+        return values.numpy()
+
+    def decode_to(self, values: wp.array, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> None:
+        """See `Texture.decode_to`."""
+        rectangle = self._inside(mip, rectangle)
+        fast = can_decode(self.spec, self.device)
+        shape, dtypes = (*rectangle[:1:-1], self.spec.channels), DTYPES if fast else DTYPES[:1]
+        here = values.shape == shape and values.device == self.device and values.is_contiguous
+        if not here or values.dtype not in dtypes:
+            names = ", ".join(dtype.__name__ for dtype in dtypes)
+            raise InputError(
+                f"values {values.shape} of {values.dtype.__name__} on {values.device.alias}: results are {shape}, of "
+                f"one of {names}, contiguous on {self.device.alias}; pass such an array"
+            )
+        decode = self.tensor.decode if fast else self.decode_alone if self.device.is_cuda else self.rows.decode
+        decode(mip, rectangle, values)
+
+    def decode_alone(self, mip: int, rectangle: tuple[int, int, int, int], values: wp.array) -> None:
+        """A thread each texel, in float32, on any device."""
+        left, top, w, h = rectangle
+        kernel = make_decode_kernel(self.texel, self.Params)
+        inputs = [self.params, mip, top, left, values]
+        wp.launch(kernel, (h, w), inputs, device=self.device, block_dim=BLOCK, record_tape=False)
+
+    def _inside(self, mip: int, rectangle: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
         if not 0 <= mip < self.spec.mips:
             raise InputError(f"mip {mip}: the texture has levels 0 to {self.spec.mips - 1}; choose one of these")
         height, width = self.spec.size(mip)
         left, top, w, h = rectangle or (0, 0, width, height)
         if not (0 <= left < left + w <= width and 0 <= top < top + h <= height):
             raise InputError(f"rectangle {rectangle}: mip {mip} is {width} x {height}; choose one inside")
-        values = wp.empty((h, w, self.spec.channels), dtype=float, device=self.device)
-        kernel = make_decode_kernel(self.texel, self.Params)
-        inputs = [self.params, mip, top, left, values]
-        wp.launch(kernel, (h, w), inputs, device=self.device, block_dim=BLOCK, record_tape=False)
-        return values.numpy()
+        return left, top, w, h
 
 
 def pack(grid: Grid, latents: np.ndarray) -> np.ndarray:

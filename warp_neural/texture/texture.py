@@ -53,6 +53,13 @@ class Texture:
         """Each map as stored, float32 [height, width, channels]. rectangle: left, top, width, height, in texels."""
         return to_maps(self.decoder.decode(mip, rectangle), self.state.maps)
 
+    def decode_to(self, values: wp.array, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> None:
+        """All `channels` to memory of the device, as the network has them: 0 to 1 from a channel's low to its high end
+        (`ranges`), not clamped. values: contiguous [height, width, channels] of float, on CUDA from sm_80 on also of
+        `wp.float16`, or of `wp.uint8`, 0 to 255, clamped. Nothing is copied to the host; a CUDA graph can hold it after
+        one call."""
+        self.decoder.decode_to(values, mip, rectangle)
+
     def save(self, path: Path | str) -> dict[str, int]:
         """Write a .wntc file, whole or not at all; returns its bytes by part."""
         return save_state(path, self.state)
