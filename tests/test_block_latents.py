@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import texture2ddecoder
 import warp as wp
+from reference_blocks import decoded, line
 
 from warp_neural import InputError
 from warp_neural.kernels.texture.block_latents import PARAMETERS
@@ -34,23 +34,6 @@ def make(height, width, mips, scales, device, **options):
 
 def maps_of(channels):
     return (Map("all", "linear", (0.0,) * channels, (1.0,) * channels),)
-
-
-def decoded(spec, blocks, g, mip):
-    """Codes, float64 [rows, columns, 3], by texture2ddecoder."""
-    rows, columns = spec.latents(mip, g)
-    data = texture2ddecoder.decode_bc1(blocks[g][mip].astype("<u4").tobytes(), columns, rows)
-    return np.frombuffer(data, np.uint8).reshape(rows, columns, 4)[..., 2::-1].astype(np.float64)
-
-
-def line(texels, latents):
-    """Weights of latents for the texels along a side, [texels, latents]."""
-    x = (np.arange(texels) + 0.5) * latents / texels - 0.5
-    left = np.floor(x).astype(int)
-    weights = np.zeros((texels, latents))
-    np.add.at(weights, (np.arange(texels), left % latents), 1 - (x - left))
-    np.add.at(weights, (np.arange(texels), (left + 1) % latents), x - left)
-    return weights
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)

@@ -10,6 +10,7 @@ from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
 from warp_neural.kernels.texture import (
     block_steps,
+    block_texel,
     codes,
     features,
     filtering,
@@ -73,7 +74,7 @@ def functions(width, depth):
     net = MLP(SPEC.n_in, 8, width, depth, activation=elu, device="cpu")
     params_type = texel.make_params_type(net.Params)
     each = texel.make_texel(SPEC, net.func, params_type)
-    stored = texel.make_stored(each, 8, ((0.0, 1.0, False),) * 7 + ((-4.0, 9.0, True),), params_type)
+    stored = texel.make_stored(each, ((0.0, 1.0, False),) * 7 + ((-4.0, 9.0, True),), params_type)
     return stored, filtering.make_sample(stored, SPEC, params_type), params_type
 
 
@@ -117,8 +118,24 @@ def test_gradients_of_filters(tmp_path):
 
 
 def test_blocks(tmp_path):
-    spec, half = BlockSpec(256, 256, 8, 3, (1, 2)), wp.float16
-    kernels = [block_steps.make_unblock_kernel(0), block_steps.make_block_features_kernel(spec, 0, half)]
-    kernels += [block_steps.make_block_adjoint_kernel(spec, 1, half), block_steps.make_block_gradient_kernel(1)]
+    half = wp.float16
+    kernels = [block_steps.unblock_kernel, block_steps.make_block_features_kernel(half)]
+    kernels += [block_steps.make_block_adjoint_kernel(half), block_steps.gradient_kernel]
     for kernel in [*kernels, block_steps.block_update_kernel]:
         compiles(kernel, 90, tmp_path)
+
+
+def test_reading_blocks(tmp_path):
+    """With gradients."""
+    spec, vec = BlockSpec(256, 256, 8, 3, (1, 2, 2)), wp.types.vector(8, float)
+    net = MLP(spec.n_in, 8, 64, 2, activation=elu, device="cpu")
+    params_type = block_texel.make_block_params_type(net.Params)
+    texel = block_texel.make_block_texel(spec, net.func, params_type)
+    sample = block_texel.make_block_sample(spec, net.func, ((0.0, 1.0, False),) * 8, params_type)
+
+    @wp.kernel(module="unique")
+    def kernel(params: params_type, uv: wp.array[wp.vec2], y: wp.array[vec]):
+        i = wp.tid()
+        y[i] = texel(params, i, i, 1) + sample(params, uv[i], 0.5)
+
+    compiles(kernel, 90, tmp_path)

@@ -19,6 +19,7 @@ PARAMETERS = wp.constant(2 * BLOCK_CHANNELS + 16)
 INDICES = wp.constant(2 * BLOCK_CHANNELS)  # where they begin
 STEPS = wp.constant(wp.vec3(31.0, 63.0, 31.0))
 LAST_INDEX = wp.constant(3.0)
+SPREAD = wp.constant(4.0)  # codes 0 to 255 are -2 to 2 in the network
 
 
 @wp.struct

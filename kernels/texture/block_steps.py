@@ -9,6 +9,7 @@ from warp_neural.kernels.texture.block_latents import (
     INDICES,
     LAST_INDEX,
     PARAMETERS,
+    SPREAD,
     STEPS,
     BlockData,
     bilinear_of,
@@ -18,65 +19,57 @@ from warp_neural.kernels.texture.block_latents import (
     place_in,
 )
 from warp_neural.kernels.texture.levels import TILE, TextureData, cyclic
-from warp_neural.kernels.texture.spec import BLOCK_CHANNELS, BlockSpec
+from warp_neural.kernels.texture.spec import BLOCK_CHANNELS
 from warp_neural.kernels.texture.update import SETTINGS, corrections_of
 from warp_neural.kernels.training.progress import Progress
 
-SPREAD = wp.constant(4.0)  # codes 0 to 255 are -2 to 2 in the network
+
+@wp.kernel(module="unique", enable_backward=False)
+def unblock_kernel(progress: Progress, data: TextureData, blocks: BlockData, tiles: int, g: int):
+    """Blocks to `values`. dim [tiles, latents of a side, latents of a side]. g: number of the latent texture."""
+    t, a, b = wp.tid()
+    tile = data.tiles[progress.counters[0] * tiles + t]
+    level, at = blocks.levels[tile[0]], latent_of(data, blocks, tile, a, b)
+    texel = block_texel(progress, data, blocks, g, block_of(level, at[0], at[1]), at[0] % 4 * 4 + at[1] % 4)
+    i = (level[2] + at[0] * level[1] + at[1]) * BLOCK_CHANNELS
+    for c in range(BLOCK_CHANNELS):
+        blocks.values[i + c] = texel.value[c]
 
 
 @cache
-def make_unblock_kernel(g: int) -> wp.Kernel:
-    """Blocks to `values`. dim [tiles, latents of a side, latents of a side]."""
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def unblock_kernel(progress: Progress, data: TextureData, blocks: BlockData, tiles: int):
-        t, a, b = wp.tid()
-        tile = data.tiles[progress.counters[0] * tiles + t]
-        level, at = blocks.levels[tile[0]], latent_of(data, blocks, tile, a, b)
-        texel = block_texel(progress, data, blocks, g, block_of(level, at[0], at[1]), at[0] % 4 * 4 + at[1] % 4)
-        i = (level[2] + at[0] * level[1] + at[1]) * BLOCK_CHANNELS
-        for c in range(BLOCK_CHANNELS):
-            blocks.values[i + c] = texel.value[c]
-
-    return unblock_kernel
-
-
-@cache
-def make_block_features_kernel(spec: BlockSpec, g: int, dtype: type) -> wp.Kernel:
-    """`values` to three columns of `encoded`. dim [tiles, TILE, TILE]."""
-    first, detail = BLOCK_CHANNELS * g, spec.n_in - 1 if spec.mips > 1 and g == 0 else -1
+def make_block_features_kernel(dtype: type) -> wp.Kernel:
+    """`values` to three columns of `encoded`, the last of which has the level of detail if there are mips. dim [tiles,
+    TILE, TILE]."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def features_kernel(
-        progress: Progress, data: TextureData, blocks: BlockData, tiles: int, encoded: wp.array2d[dtype]
+        progress: Progress, data: TextureData, blocks: BlockData, tiles: int, g: int, encoded: wp.array2d[dtype]
     ):
         t, y, x = wp.tid()
         tile, i = data.tiles[progress.counters[0] * tiles + t], (t * TILE + y) * TILE + x
-        taps = bilinear_of(data, blocks, tile, y, x)
+        taps, first = bilinear_of(data, blocks, tile, y, x), BLOCK_CHANNELS * g
         for c in range(BLOCK_CHANNELS):
             value = float(0.0)
             for k in range(4):
                 value += taps.weights[k] * blocks.values[taps.at[k] + c]
             encoded[i, first + c] = dtype(SPREAD * (value - 0.5))
-        if wp.static(detail >= 0):
-            encoded[i, detail] = dtype(data.levels.detail[tile[0]])
+        if g == 0 and data.levels.sizes.shape[0] > 1:
+            encoded[i, encoded.shape[1] - 1] = dtype(data.levels.detail[tile[0]])
 
     return features_kernel
 
 
 @cache
-def make_block_adjoint_kernel(spec: BlockSpec, g: int, dtype: type) -> wp.Kernel:
+def make_block_adjoint_kernel(dtype: type) -> wp.Kernel:
     """The gradients to `encoded` to those of `values`. dim [tiles, TILE, TILE]."""
-    first = BLOCK_CHANNELS * g
 
     @wp.kernel(module="unique", enable_backward=False)
     def adjoint_kernel(
-        progress: Progress, data: TextureData, blocks: BlockData, tiles: int, encoded: wp.array2d[dtype]
+        progress: Progress, data: TextureData, blocks: BlockData, tiles: int, g: int, encoded: wp.array2d[dtype]
     ):
         t, y, x = wp.tid()
         tile, i = data.tiles[progress.counters[0] * tiles + t], (t * TILE + y) * TILE + x
-        taps = bilinear_of(data, blocks, tile, y, x)
+        taps, first = bilinear_of(data, blocks, tile, y, x), BLOCK_CHANNELS * g
         for c in range(BLOCK_CHANNELS):
             gradient = SPREAD * float(encoded[i, first + c])
             for k in range(4):
@@ -86,36 +79,31 @@ def make_block_adjoint_kernel(spec: BlockSpec, g: int, dtype: type) -> wp.Kernel
     return adjoint_kernel
 
 
-@cache
-def make_block_gradient_kernel(g: int) -> wp.Kernel:
+@wp.kernel(module="unique", enable_backward=False)
+def gradient_kernel(progress: Progress, data: TextureData, blocks: BlockData, tiles: int, g: int):
     """The gradients to `values` to those of the parameters. dim as of `unblock_kernel`; who finds one takes it."""
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def gradient_kernel(progress: Progress, data: TextureData, blocks: BlockData, tiles: int):
-        t, a, b = wp.tid()
-        step = progress.counters[0]
-        tile = data.tiles[step * tiles + t]
-        level, at = blocks.levels[tile[0]], latent_of(data, blocks, tile, a, b)
-        i = (level[2] + at[0] * level[1] + at[1]) * BLOCK_CHANNELS
-        gradient = wp.vec3()
+    t, a, b = wp.tid()
+    step = progress.counters[0]
+    tile = data.tiles[step * tiles + t]
+    level, at = blocks.levels[tile[0]], latent_of(data, blocks, tile, a, b)
+    i = (level[2] + at[0] * level[1] + at[1]) * BLOCK_CHANNELS
+    gradient = wp.vec3()
+    for c in range(BLOCK_CHANNELS):
+        gradient[c] = wp.atomic_exch(blocks.values_gradient, i + c, 0.0)
+    if not wp.isfinite(gradient):
+        progress.flags[step % 2] = 1
+    elif wp.dot(gradient, gradient) > 0.0:
+        block, k = block_of(level, at[0], at[1]), at[0] % 4 * 4 + at[1] % 4
+        texel, p = block_texel(progress, data, blocks, g, block, k), block * PARAMETERS
+        by_share = wp.dot(gradient, texel.second - texel.first)
+        wp.atomic_add(blocks.gradient, p + INDICES + k, by_share / LAST_INDEX)
         for c in range(BLOCK_CHANNELS):
-            gradient[c] = wp.atomic_exch(blocks.values_gradient, i + c, 0.0)
-        if not wp.isfinite(gradient):
-            progress.flags[step % 2] = 1
-        elif wp.dot(gradient, gradient) > 0.0:
-            block, k = block_of(level, at[0], at[1]), at[0] % 4 * 4 + at[1] % 4
-            texel, p = block_texel(progress, data, blocks, g, block, k), block * PARAMETERS
-            by_share = wp.dot(gradient, texel.second - texel.first)
-            wp.atomic_add(blocks.gradient, p + INDICES + k, by_share / LAST_INDEX)
-            for c in range(BLOCK_CHANNELS):
-                by_end = gradient[c] / STEPS[c]
-                wp.atomic_add(blocks.gradient, p + c, by_end * (1.0 - texel.share))
-                wp.atomic_add(blocks.gradient, p + BLOCK_CHANNELS + c, by_end * texel.share)
-
-    return gradient_kernel
+            by_end = gradient[c] / STEPS[c]
+            wp.atomic_add(blocks.gradient, p + c, by_end * (1.0 - texel.share))
+            wp.atomic_add(blocks.gradient, p + BLOCK_CHANNELS + c, by_end * texel.share)
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(module="unique", enable_backward=False)
 def block_update_kernel(progress: Progress, data: TextureData, blocks: BlockData, tiles: int, share: float):
     """Adam, where a step has reached a block. dim [tiles, blocks of a side, blocks of a side, 22]. share: of all
     blocks, that a step reaches."""

@@ -10,11 +10,8 @@ from functools import cache
 import warp as wp
 
 from warp_neural.kernels.texture.levels import Levels, place_of
-from warp_neural.kernels.texture.texel import make_stored
+from warp_neural.kernels.texture.texel import Ranges, make_stored
 from warp_neural.kernels.texture.tiles import Tiles, make_read
-
-Ranges = tuple[tuple[float, float, bool], ...]
-"""of channels, as `make_stored` takes them"""
 
 
 @wp.struct
@@ -87,7 +84,7 @@ def make_page_sample(tiles: Tiles, ranges: Ranges) -> wp.Function:
     def result(params: PageParams, i: int, j: int, slot: int) -> vec:
         return read(params.words, slot, i, j)
 
-    stored = make_stored(result, tiles.channels, ranges, PageParams)
+    stored = make_stored(result, ranges, PageParams)
 
     @wp.func
     def sample(params: PageParams, uv: wp.vec2, lod: float) -> vec:
@@ -126,7 +123,7 @@ def make_page_texel(tiles: Tiles, ranges: Ranges) -> wp.Function:
             m += 1
         return read(params.words, slot, row % tile, column % tile)
 
-    return make_stored(result, tiles.channels, ranges, PageParams)
+    return make_stored(result, ranges, PageParams)
 
 
 @wp.kernel(enable_backward=False)

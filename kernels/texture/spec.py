@@ -144,7 +144,7 @@ class BlockSpec(TextureSize):
     hidden: tuple[int, ...] = (64, 64)
 
     def __post_init__(self) -> None:
-        require(0 < len(self.scales) <= 8, "scales", self.scales, "1 to 8 latent textures")
+        require(0 < len(self.scales) <= 12, "scales", self.scales, "1 to 12 latent textures")
         for scale in self.scales:
             require(scale in (1, 2, 4, 8), "scale", scale, "1, 2, 4 or 8")
             whole = self.height % scale == self.width % scale == 0

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from warp_neural.kernels.texture.levels import Levels
+from warp_neural.kernels.texture.levels import Levels, place_of
 from warp_neural.kernels.texture.spec import Grid, TextureSpec
 from warp_neural.kernels.texture.taps import make_taps
 
@@ -102,16 +102,12 @@ def make_texel(spec: TextureSpec, network: wp.Function, params_type: Any) -> wp.
     """`(params, i, j, mip) -> vec [channels]`: the network's results for texel (row i, column j) of a level; both wrap,
     and the level is the nearest that there is."""
     features = make_features(spec, params_type)
-    vec_out, last = wp.types.vector(spec.channels, float), spec.mips - 1
+    vec_out = wp.types.vector(spec.channels, float)
 
     @wp.func
     def texel(params: params_type, i: int, j: int, mip: int) -> vec_out:
-        level = wp.clamp(mip, 0, last)
-        size = params.levels.sizes[level]
-        row, column = i % size[0], j % size[1]
-        row = wp.where(row < 0, row + size[0], row)
-        column = wp.where(column < 0, column + size[1], column)
-        return network(params.network, features(params, row, column, level))
+        place = place_of(params.levels, i, j, mip)
+        return network(params.network, features(params, place[1], place[2], place[0]))
 
     return texel
 
@@ -130,24 +126,38 @@ def make_decode_kernel(texel: wp.Function, params_type: Any) -> wp.Kernel:
     return decode_kernel
 
 
+Ranges = tuple[tuple[float, float, bool], ...]
+"""low, high and whether logarithms, of each channel; see `warp_neural.texture.state.Map`"""
+
+
 @cache
-def make_stored(
-    texel: wp.Function, channels: int, ranges: tuple[tuple[float, float, bool], ...], params_type: Any
-) -> wp.Function:
-    """`texel` with the network's results turned into what maps store. ranges: low, high and whether logarithms, of each
-    channel; see `warp_neural.texture.state.Map`."""
+def make_store(ranges: Ranges) -> wp.Function:
+    """`(y) -> vec`: the network's results, one for each of `ranges`, turned into what maps store."""
+    channels = len(ranges)
     vec = wp.types.vector(channels, float)
     low, size = vec(*[a for a, _, _ in ranges]), vec(*[b - a for a, b, _ in ranges])
     hdr = vec(*[float(logarithm) for _, _, logarithm in ranges])
 
     @wp.func
-    def stored(params: params_type, i: int, j: int, mip: int) -> vec:
-        y = texel(params, i, j, mip)
+    def store(y: vec) -> vec:
+        result = vec()
         for c in range(channels):
             value = low[c] + wp.clamp(y[c], 0.0, 1.0) * size[c]
             if hdr[c] > 0.0:
                 value = wp.max(wp.pow(2.0, value) - wp.pow(2.0, low[c]), 0.0)
-            y[c] = value
-        return y
+            result[c] = value
+        return result
+
+    return store
+
+
+@cache
+def make_stored(texel: wp.Function, ranges: Ranges, params_type: Any) -> wp.Function:
+    """`texel` with the network's results turned into what maps store."""
+    store, vec = make_store(ranges), wp.types.vector(len(ranges), float)
+
+    @wp.func
+    def stored(params: params_type, i: int, j: int, mip: int) -> vec:
+        return store(texel(params, i, j, mip))
 
     return stored

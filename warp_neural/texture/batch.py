@@ -79,7 +79,7 @@ class Batch:
         dtype = wp.float16 if device.is_cuda else wp.float32
         self.values = wp.zeros((tiles * TILE * TILE, spec.n_in), dtype=dtype, device=device)
         self.grids = [make(g, self.values) for g in range(count)]
-        wp.force_load(device, [kernel.module for grid in self.grids for kernel in grid.kernels])  # side by side
+        wp.force_load(device, list({kernel.module for grid in self.grids for kernel in grid.kernels}))  # side by side
         self.streams = [wp.Stream(device) if device.is_cuda else None for _ in self.grids]
 
     def encode(self, inputs: list) -> None:

@@ -9,10 +9,10 @@ import warp as wp
 from warp_neural.kernels.texture.block_latents import PARAMETERS, STEPS, BlockData, blocks_side, latents_side
 from warp_neural.kernels.texture.block_steps import (
     block_update_kernel,
+    gradient_kernel,
     make_block_adjoint_kernel,
     make_block_features_kernel,
-    make_block_gradient_kernel,
-    make_unblock_kernel,
+    unblock_kernel,
 )
 from warp_neural.kernels.texture.levels import TILE, TextureData
 from warp_neural.kernels.texture.spec import BLOCK_CHANNELS, BlockSpec
@@ -30,7 +30,7 @@ class BlockLaunches:
     """Of one latent texture."""
 
     def __init__(self, spec: BlockSpec, g: int, tiles: int, encoded: wp.array, random: np.random.Generator):
-        self.tiles, self.encoded, device = tiles, encoded, encoded.device
+        self.g, self.tiles, self.encoded, device = g, tiles, encoded, encoded.device
         self.levels, self.data = BlockLevels(spec, g), BlockData()
         self.latents, self.blocks = latents_side(spec.scales[g]), blocks_side(spec.scales[g])
         self.data.levels = wp.array(self.levels.table, dtype=wp.vec4i, device=device)
@@ -40,23 +40,22 @@ class BlockLaunches:
         for name, size in sizes.items():
             setattr(self.data, name, wp.zeros(size, dtype=float, device=device))
         self.data.parameters.assign(start)
-        self.unblock_kernel, self.gradient_kernel = make_unblock_kernel(g), make_block_gradient_kernel(g)
-        self.features_kernel = make_block_features_kernel(spec, g, encoded.dtype)
-        self.adjoint_kernel = make_block_adjoint_kernel(spec, g, encoded.dtype)
+        self.features_kernel = make_block_features_kernel(encoded.dtype)
+        self.adjoint_kernel = make_block_adjoint_kernel(encoded.dtype)
 
     @property
     def kernels(self) -> list[wp.Kernel]:
-        return [kernel for kernel in vars(self).values() if isinstance(kernel, wp.Kernel)]
+        return [unblock_kernel, self.features_kernel, self.adjoint_kernel, gradient_kernel, block_update_kernel]
 
     def encode(self, progress: Progress, data: TextureData) -> None:
-        arguments = [progress, data, self.data, self.tiles]
-        self.launch(self.unblock_kernel, (self.latents, self.latents), arguments)
+        arguments = [progress, data, self.data, self.tiles, self.g]
+        self.launch(unblock_kernel, (self.latents, self.latents), arguments)
         self.launch(self.features_kernel, (TILE, TILE), [*arguments, self.encoded])
 
     def adjoint(self, progress: Progress, data: TextureData) -> None:
-        arguments = [progress, data, self.data, self.tiles]
+        arguments = [progress, data, self.data, self.tiles, self.g]
         self.launch(self.adjoint_kernel, (TILE, TILE), [*arguments, self.encoded])
-        self.launch(self.gradient_kernel, (self.latents, self.latents), arguments)
+        self.launch(gradient_kernel, (self.latents, self.latents), arguments)
 
     def update(self, progress: Progress, data: TextureData, share: float) -> None:
         arguments = [progress, data, self.data, self.tiles, share]

@@ -10,7 +10,7 @@ import numpy as np
 
 from warp_neural.errors import InputError
 from warp_neural.io.tensors import load_tensors, save_tensors
-from warp_neural.texture.trainer import TextureTrainer
+from warp_neural.texture.latent_trainer import LatentTrainer
 
 SAVE_SECONDS = 30
 FORMAT, VERSION = "texture checkpoint", 1
@@ -35,7 +35,7 @@ class Checkpoint:
             self.rate_weight = metadata.get("rate_weight")
 
     @contextmanager
-    def kept(self, trainer: TextureTrainer) -> Iterator[Callable[[], None] | None]:
+    def kept(self, trainer: LatentTrainer) -> Iterator[Callable[[], None] | None]:
         """Takes the trainer to where the file was, if there is one, once; yields what saves now and then."""
         if self.tensors is not None:
             self._restore(trainer)
@@ -56,15 +56,16 @@ class Checkpoint:
             self.save(trainer)
             raise
 
-    def save(self, trainer: TextureTrainer) -> None:
+    def save(self, trainer: LatentTrainer) -> None:
         metadata = {"format": FORMAT, "version": VERSION, "configuration": self.configuration}
         save_tensors(self.path, trainer.snapshot(), metadata | {"rate_weight": trainer.rate_weight})
 
-    def _restore(self, trainer: TextureTrainer) -> None:
+    def _restore(self, trainer: LatentTrainer) -> None:
         for name, array in trainer.arrays.items():
             tensor = self.tensors.get(name)
             if tensor is None or tensor.shape != array.numpy().shape or tensor.dtype != array.numpy().dtype:
                 raise InputError(f"{self.path}: tensor {name!r} is missing or of another size; leave --resume out")
         trainer.restore(self.tensors)
-        trainer.rate_weight = self.rate_weight
+        if self.rate_weight:
+            trainer.rate_weight = self.rate_weight
         self.tensors = None

@@ -14,10 +14,12 @@ from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.errors import is_finite, require, require_whole
 from warp_neural.kernels.texture.losses import Cost
 from warp_neural.texture.checkpoint import Checkpoint
+from warp_neural.texture.files import make_texture
 from warp_neural.texture.job import Job, Storage, make_job
 from warp_neural.texture.maps import load_set
 from warp_neural.texture.measure import channel_errors, psnr
 from warp_neural.texture.presets import (
+    BLOCK_QUALITIES,
     FIXED_QUALITIES,
     QUALITIES,
     beside_latents,
@@ -63,7 +65,7 @@ def compress(
     metrics' "goal_met" is False. storage: what is to be small. "load", the file, whose latents take a byte each in
     memory, 14 to 34 bits a texel; "sample", what is in memory while texels are read: latents of 1 or 4 bits each, of
     which bpp is the most that all may take, "resident_bits" in the metrics what they take; psnr and size are no goals
-    then.
+    then; "engine", the same with latents as textures in BC1 blocks, an `EngineTexture`.
 
     preview: fewer steps. steps: of training, in place of those that device, size and preview lead to. mips: levels in
     the file, those of the source if None. weights: of the errors of maps, by name; 1 if not given. losses: what errors
@@ -91,7 +93,7 @@ def compress(
         else:
             trainer.run(quiet=quiet, watch=watch)
     state = trainer.state(job.maps)
-    texture = Texture(state, job.device)
+    texture = make_texture(state, job.device)
     errors = _errors(texture, job)
     extra = errors | met | {"seconds": round(time.perf_counter() - begin, 3), "steps": trainer.steps}
     extra |= {"rate_weight": float(f"{trainer.rate_weight:.4g}"), "resident_bits": round(state.spec.resident_bits, 4)}
@@ -105,9 +107,10 @@ def _plan(job: Job, **given) -> tuple[Goal | None, float, float]:
         goal, bits = _goal(job, **given)
         return goal, bits, weight_for(bits) if goal else QUALITIES[given["quality"] or "medium"]
     for name in ("psnr", "size"):
-        require(given[name] is None, name, given[name], 'left out with storage "sample": give bpp or quality')
+        require(given[name] is None, name, given[name], f'left out with storage "{job.storage}": give bpp or quality')
     levels = 1.1 * job.all_texels / job.texels if len(job.levels) > 1 else 1.0  # small ones are whole cells too
-    bits = FIXED_QUALITIES[given["quality"] or "medium"] * levels if given["bpp"] is None else given["bpp"]
+    qualities = FIXED_QUALITIES if job.storage == "sample" else BLOCK_QUALITIES
+    bits = qualities[given["quality"] or "medium"] * levels if given["bpp"] is None else given["bpp"]
     return None, bits, 0.0
 
 

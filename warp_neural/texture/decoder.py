@@ -1,5 +1,6 @@
 """`Decoder`: a neural texture's state on a device, for kernels and for whole pictures."""
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +18,6 @@ from warp_neural.texture.state import TextureState
 from warp_neural.texture.tensor_cores import TensorDecoder, can_decode
 
 BLOCK = 256
-DTYPES = wp.float32, wp.float16, wp.uint8
 
 
 class Decoder:
@@ -27,6 +27,10 @@ class Decoder:
     def __init__(self, state: TextureState, device: wp.DeviceLike = None):
         self.spec, self.device = state.spec, find_device(device)
         self.net = network_of(state, self.device)
+        self._put(state)
+
+    def _put(self, state: TextureState) -> None:
+        """All that kernels read."""
         self.Params = make_params_type(self.net.Params)
         params = self.params = self.Params()
         params.network, params.levels = self.net.params, make_levels(state.spec, self.device)
@@ -60,8 +64,7 @@ class Decoder:
     def decode_to(self, values: wp.array, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> None:
         """See `Texture.decode_to`."""
         rectangle = self._inside(mip, rectangle)
-        fast = can_decode(self.spec, self.device)
-        shape, dtypes = (*rectangle[:1:-1], self.spec.channels), DTYPES if fast else DTYPES[:1]
+        shape, (decode, dtypes) = (*rectangle[:1:-1], self.spec.channels), self._way()
         here = values.shape == shape and values.device == self.device and values.is_contiguous
         if not here or values.dtype not in dtypes:
             names = ", ".join(dtype.__name__ for dtype in dtypes)
@@ -69,8 +72,13 @@ class Decoder:
                 f"values {values.shape} of {values.dtype.__name__} on {values.device.alias}: results are {shape}, of "
                 f"one of {names}, contiguous on {self.device.alias}; pass such an array"
             )
-        decode = self.tensor.decode if fast else self.decode_alone if self.device.is_cuda else self.rows.decode
         decode(mip, rectangle, values)
+
+    def _way(self) -> tuple[Callable, tuple[type, ...]]:
+        """How whole pictures are decoded, and to what."""
+        if can_decode(self.spec, self.device):
+            return self.tensor.decode, (wp.float32, wp.float16, wp.uint8)
+        return self.decode_alone if self.device.is_cuda else self.rows.decode, (wp.float32,)
 
     def decode_alone(self, mip: int, rectangle: tuple[int, int, int, int], values: wp.array) -> None:
         """A thread each texel, in float32, on any device."""

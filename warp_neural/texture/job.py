@@ -11,17 +11,20 @@ import warp as wp
 
 from warp_neural.kernels.errors import is_finite, require
 from warp_neural.kernels.texture.losses import Cost, TextureLoss, known_l2
-from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.spec import BlockSpec, TextureSpec
+from warp_neural.texture.block_trainer import BlockTrainer
 from warp_neural.texture.decoder import Decoder
 from warp_neural.texture.file import coded_bits
+from warp_neural.texture.latent_trainer import LatentTrainer
 from warp_neural.texture.maps import TextureSet, mip_chain, without_hidden
 from warp_neural.texture.measure import psnr
-from warp_neural.texture.presets import FIXED_RATE, FIXED_SPREAD, fixed_spec, spec_of
+from warp_neural.texture.presets import BLOCK_RATE, FIXED_RATE, FIXED_SPREAD, block_spec, fixed_spec, spec_of
 from warp_neural.texture.state import Map
 from warp_neural.texture.trainer import TextureTrainer
 
-Storage = Literal["load", "sample"]
-"""what few bits are wanted of: the file, or the latents that are read while a picture is made"""
+Storage = Literal["load", "sample", "engine"]
+"""what few bits are wanted of: the file, the latents that are read while a picture is made, or these as textures of BC1
+blocks, which GPUs filter"""
 
 
 @dataclass(frozen=True)
@@ -60,17 +63,20 @@ class Job:
         """Of all levels."""
         return sum(level.shape[0] * level.shape[1] for level in self.levels)
 
-    def spec(self, bits: float) -> TextureSpec:
-        make = fixed_spec if self.storage == "sample" else spec_of
+    def spec(self, bits: float) -> TextureSpec | BlockSpec:
+        make = {"load": spec_of, "sample": fixed_spec, "engine": block_spec}[self.storage]
         return make(*self.levels[0].shape, len(self.levels), bits)
 
     def trainer(
-        self, spec: TextureSpec, precision: float, steps: int, tiles: int, rate_weight: float
-    ) -> TextureTrainer:
+        self, spec: TextureSpec | BlockSpec, precision: float, steps: int, tiles: int, rate_weight: float
+    ) -> LatentTrainer:
         options = {"loss": self.loss, "seed": self.seed, "device": self.device, "precision": precision}
+        options |= {"steps": steps, "tiles": tiles}
+        if self.storage == "engine":
+            return BlockTrainer(spec, self.targets, latent_rate=BLOCK_RATE, **options)
         if self.storage == "sample":
             options |= {"latent_rate": FIXED_RATE, "spread": FIXED_SPREAD}
-        return TextureTrainer(spec, self.targets, rate_weight=rate_weight, steps=steps, tiles=tiles, **options)
+        return TextureTrainer(spec, self.targets, rate_weight=rate_weight, **options)
 
     def log_coded(self, trainer: TextureTrainer, less: float) -> float:
         """Of the file less what it surely holds beside latents."""

@@ -37,6 +37,9 @@ class LatentTrainer(ABC):
     file's weights, whose steps are rms / precision. loss: what errors cost. What latents are, subclasses say.
     """
 
+    rate_weight = 0.0
+    """lambda, the mean squared error that a bit a texel is worth; 0 for latents of fixed size"""
+
     def __init__(
         self,
         spec: TextureSpec | BlockSpec,

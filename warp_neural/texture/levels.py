@@ -14,14 +14,16 @@ COARSER = (
 
 
 def make_levels(spec: TextureSpec | BlockSpec, device: wp.Device) -> Levels:
-    """Level by level; what is by grid too only where there are grids."""
+    """Level by level; what is by grid too is empty where there are no grids."""
     sizes = np.array(spec.all_sizes)
     levels = Levels()
+    first, cells = np.zeros((0, 0)), np.zeros((0, 0, 2))
     if isinstance(spec, TextureSpec):
         cells = np.array([[spec.cells(m, g) for g in range(len(spec.grids))] for m in range(spec.mips)])  # [m, g, 2]
-        levels.first = wp.array(first_latents(spec)[:-1].reshape(cells.shape[:2]), dtype=int, device=device)
-        levels.rows = wp.array(cells[..., 0], dtype=int, device=device)
-        levels.columns = wp.array(cells[..., 1], dtype=int, device=device)
+        first = first_latents(spec)[:-1].reshape(cells.shape[:2])
+    levels.first = wp.array(first, dtype=int, device=device)
+    levels.rows = wp.array(cells[..., 0], dtype=int, device=device)
+    levels.columns = wp.array(cells[..., 1], dtype=int, device=device)
     levels.texels = wp.array(np.cumsum([0, *sizes.prod(1)[:-1]]), dtype=int, device=device)
     levels.sizes = wp.array(sizes, dtype=wp.vec2i, device=device)
     levels.padded = wp.array(padded_sizes(spec), dtype=wp.vec2i, device=device)

@@ -61,7 +61,7 @@ class CodedMaps(_Maps):
 
     @cached_property
     def texel(self) -> wp.Function:
-        return make_stored(make_codes_texel(self.codes), self.codes.channels, self.texture.ranges, self.Params)
+        return make_stored(make_codes_texel(self.codes), self.texture.ranges, self.Params)
 
 
 class BlockMaps(_Maps):

@@ -1,12 +1,13 @@
 """Grids for few and for many bits, and how long to train."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import log2, prod
 
 import warp as wp
 
 from warp_neural.errors import InputError
-from warp_neural.kernels.texture.spec import Grid, TextureSpec
+from warp_neural.kernels.texture.spec import BlockSpec, Grid, TextureSpec
 
 FEW = Grid(4, 24), Grid(8, 16, "separable"), Grid(16, 8, "bilinear")
 MANY = Grid(2, 12), Grid(4, 16), Grid(8, 12, "separable"), Grid(16, 8, "bilinear")
@@ -27,6 +28,12 @@ FIXED = {
 four bits at 3.75 (PavingStones070, the best of three rates); those of 0.5, 2.5, 5 and 10 bits were not compared."""
 FIXED_QUALITIES = {"low": 1.0625, "medium": 3.75, "high": 6.4375}
 FIXED_RATE, FIXED_SPREAD = 1.0, 0.5  # of the optimizer, in steps; of latents at the start, of half of their range
+BLOCKS = {2.5: (2, *[4] * 6), 5.0: (2,) * 5, 10.0: (1, *[2] * 6), 16.0: (1, 1, 1, *[2] * 4)}
+"""scales of latent textures in BC1 blocks, by their bits a texel. More and smaller ones, with more reads, are better:
+at 10 bits (1, 1, 2, 2) is 0.5 dB lower, (1, 2 five times, 4 four times) 0.3 dB higher; at 5 bits (2 four times, 4 four
+times) is 0.2 dB higher (PavingStones070; those of 2.5 and 16 bits were not compared)."""
+BLOCK_QUALITIES = {"low": 5.0, "medium": 10.0, "high": 16.0}
+BLOCK_RATE = 2.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,15 @@ def spec_of(height: int, width: int, channels: int, mips: int, bits: float) -> T
 
 def fixed_spec(height: int, width: int, channels: int, mips: int, bits: float) -> TextureSpec:
     """With at most so many bits of latents a texel of mip 0, of all levels."""
-    specs = [TextureSpec(height, width, channels, mips, grids) for grids in FIXED.values()]
+    return _largest([TextureSpec(height, width, channels, mips, grids) for grids in FIXED.values()], bits)
+
+
+def block_spec(height: int, width: int, channels: int, mips: int, bits: float) -> BlockSpec:
+    """As `fixed_spec`, in blocks."""
+    return _largest([BlockSpec(height, width, channels, mips, scales) for scales in BLOCKS.values()], bits)
+
+
+def _largest(specs: Sequence[TextureSpec | BlockSpec], bits: float) -> TextureSpec | BlockSpec:
     fitting = [spec for spec in specs if spec.resident_bits <= bits]
     if not fitting:
         least = min(spec.resident_bits for spec in specs)

@@ -14,7 +14,7 @@ from warp_neural.kernels.texture import filters
 from warp_neural.kernels.texture.filtering import make_sample, make_sampler
 from warp_neural.kernels.texture.texel import make_stored
 from warp_neural.texture.decoder import Decoder
-from warp_neural.texture.file import load_state, save_state
+from warp_neural.texture.file import save_state
 from warp_neural.texture.kinds import to_maps
 from warp_neural.texture.memory import bytes_of
 from warp_neural.texture.state import TextureState
@@ -94,7 +94,7 @@ class Texture:
     @cached_property
     def texel(self) -> wp.Function:
         """`(params, i: int, j: int, mip: int) -> vec`: row i and column j, which wrap, of a level."""
-        return make_stored(self.decoder.texel, self.state.spec.channels, self.ranges, self.Params)
+        return make_stored(self.decoder.texel, self.ranges, self.Params)
 
     @cached_property
     def sample(self) -> wp.Function:
@@ -115,9 +115,3 @@ class Texture:
         detail. random: four numbers in [0, 1), as `wn.random.uniform` draws them, or of blue noise.
         """
         return make_sampler(self.texel, filter, self.state.spec, self.Params)
-
-
-def load(path: Path | str, device: wp.DeviceLike = None) -> Texture:
-    """A .wntc file. Raises `InputError` for one that is damaged."""
-    device = find_device(device)
-    return Texture(load_state(path, device), device)
