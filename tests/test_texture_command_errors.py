@@ -32,6 +32,8 @@ BAD_COMPRESS = [
     ("--resize 4", "--resize 4: give width and height"),
     ("--resize 0x9", "--resize 0x9: give sides of 1 to 16384"),
     ("--device cuda:99", "--device cuda:99: no such device"),
+    ("--for engine", "rock.wntc: name it .safetensors with --for engine"),
+    ("--ktx2", "--ktx2: is for latents of --for engine"),
     ("--resume", "--resume: . has no checkpoints"),
 ]
 

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import texture2ddecoder
 import warp as wp
+from command_line import run
 from reference_blocks import bilinear, decoded
 from texture_maps import random_points, samples, texels
 
 import warp_neural as wn
 from warp_neural.errors import InputError
 from warp_neural.imaging.block_files import load_blocks
+from warp_neural.imaging.image import load_stored, save_image
 from warp_neural.io.tensors import load_tensors, save_tensors
 from warp_neural.kernels.texture.block_latents import PARAMETERS
 from warp_neural.kernels.texture.spec import BlockSpec
@@ -199,6 +201,26 @@ def test_compressed_for_engines(device, tmp_path):
     texture.save(tmp_path / "a.safetensors")
     again = wn.texture.load(tmp_path / "a.safetensors", device)
     np.testing.assert_array_equal(again.decode()["albedo"], texture.decode()["albedo"])
+
+
+def test_the_commands(device, tmp_path, capfd):
+    """compress, info and decompress."""
+    picture = np.random.default_rng(0).random((16, 16, 3))
+    save_image(tmp_path / "stone" / "albedo.png", picture, color_space="linear")
+    out, where = tmp_path / "stone.safetensors", ["--device", str(device)]
+    options = ["-o", str(out), "--for", "engine", "--bpp", "5", "--steps", "100", "--ktx2", *where]
+    said = run(capfd, "compress", str(tmp_path / "stone"), *options)
+    files = sorted(tmp_path.glob("stone_latent_*.ktx2"))
+    assert len(files) == 5 and said["bytes"] == sum(path.stat().st_size for path in [out, *files])
+    described = run(capfd, "info", str(out))
+    assert described["format"] == "engine" and described["scales"] == [2] * 5
+    assert {key: described[key] for key in ("bytes", "maps", "metrics")} == {
+        key: said[key] for key in ("bytes", "maps", "metrics")
+    }
+    run(capfd, "decompress", str(out), "-o", str(tmp_path / "maps"), *where)
+    written = load_stored(tmp_path / "maps" / "albedo.png")[0]
+    expected = wn.texture.load(out, device).decode()["albedo"]
+    np.testing.assert_allclose(np.asarray(written, np.float64).reshape(expected.shape), expected, atol=1 / 255)
 
 
 def test_goals_that_are_not_for_engines():

@@ -13,7 +13,8 @@ import warp as wp
 from warp_neural import __version__, cli
 from warp_neural.cli.ending import ending
 from warp_neural.cli.printing import lines_of
-from warp_neural.cli.texture_commands import Compress, Decompress, describe_file, is_texture
+from warp_neural.cli.texture_commands import Compress, Decompress
+from warp_neural.cli.texture_info import describe_engine, describe_file, is_texture
 from warp_neural.coopvec.combinations import combination_table, supported_combinations
 from warp_neural.errors import InputError
 from warp_neural.io.rtxns import RtxnsNetwork
@@ -37,7 +38,7 @@ class _Command:
 
 @dataclass(frozen=True, kw_only=True)
 class Info(_Command):
-    """Describe a network (safetensors, or RTXNS's binary or JSON), a checkpoint or a neural texture (.wntc)."""
+    """Describe a network (safetensors, or RTXNS's binary or JSON), a checkpoint or a neural texture of either form."""
 
     file: tyro.conf.Positional[Path]
     """of any of these forms, recognised by its content"""
@@ -52,7 +53,10 @@ class Info(_Command):
         tensors, metadata = load_tensors(self.file)
         if metadata.get("format") != "network":
             return self.describe_tensors(tensors, metadata)
-        return {"format": "safetensors", **_describe(from_tensors(self.file, tensors, metadata))}
+        state = from_tensors(self.file, tensors, metadata)
+        if "texture" in state.extra:
+            return describe_engine(self.file, state)
+        return {"format": "safetensors", **_describe(state)}
 
     def describe_tensors(self, tensors: dict[str, np.ndarray], metadata: dict) -> dict:
         """Of a checkpoint or anything else that `save_tensors` wrote."""

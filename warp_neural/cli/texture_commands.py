@@ -1,23 +1,22 @@
 """`warp-neural compress` and `decompress`: from a folder of pictures to a neural texture's file, and back."""
 
 import sys
-from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import tyro
 
 from warp_neural.cli.options import FOLDER, Between, Options, Seed, resolve_device
 from warp_neural.cli.quantities import bytes_of, level_of, losses_of, names_of, rectangle_of, sides_of, weights_of
+from warp_neural.cli.texture_info import describe_texture
 from warp_neural.errors import InputError
 from warp_neural.io.files import check_target
-from warp_neural.texture.file import MAGIC, TextureFile
 from warp_neural.texture.maps import TextureSet, load_set
 from warp_neural.texture.save import encode_maps, save_blocks, save_maps
-from warp_neural.texture.state import Map, TextureState
+from warp_neural.texture.state import Map
+
+ENGINE = ".safetensors"
 
 Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
 
@@ -32,7 +31,7 @@ class Compress(Options):
     source: tyro.conf.Positional[Path]
     """folder of pictures, or of folders level_0, level_1, ... that hold the mip levels; or one picture"""
     out: Out
-    """file to write, .wntc"""
+    """file to write, .wntc; for engines .safetensors, with the latents' files beside it"""
     bpp: Annotated[float | None, Between(0, 64, above=True)] = None
     """bits a texel of mip 0 that the file should have, everything counted"""
     psnr: Annotated[float | None, Between(10, 80)] = None
@@ -41,9 +40,11 @@ class Compress(Options):
     """of the file, such as 400kB or 400KiB"""
     quality: Literal["low", "medium", "high"] | None = None
     """at whatever size it takes"""
-    storage: Annotated[Literal["load", "sample"], tyro.conf.arg(name="for")] = "load"
-    """what is to be small: the file, decoded at load, or the latents in memory that shaders sample; then --bpp is what
-    these may take"""
+    storage: Annotated[Literal["load", "sample", "engine"], tyro.conf.arg(name="for")] = "load"
+    """what is to be small: the file, decoded at load, or the latents in memory that shaders sample, which are packed
+    integers (sample) or DDS textures of BC1 blocks that GPUs filter (engine); then --bpp is what these may take"""
+    ktx2: bool = False
+    """with --for engine, KTX 2.0 in place of DDS"""
     preview: bool = False
     """a fast, rougher result"""
     steps: Annotated[int | None, Between(100, 10_000_000)] = None
@@ -77,7 +78,7 @@ class Compress(Options):
         goals = self._goals()
         device = resolve_device(self.device)
         resize = sides_of("--resize", self.resize) if self.resize else None
-        check_target(self.out)
+        self._check_out()
         texture_set = load_set(self.source, maps=names_of(self.maps), resize=resize)
         weights = weights_of("--weights", self.weights, [each.name for each in texture_set.maps])
         losses = losses_of("--losses", self.losses)
@@ -98,11 +99,19 @@ class Compress(Options):
             quiet=self.json,
             **options,
         )
-        parts = result.save(self.out)
+        parts = result.save(self.out, *(["ktx2"] if self.ktx2 else []))
         if not result.metrics.get("goal_met", True):
             print(f"{self.out}: the goal was not met, see bits_per_texel and psnr", file=sys.stderr)
         described = describe_texture(result.state, parts, result.metrics)
         return {"written": str(self.out), **described, "left_out": list(texture_set.unused)}
+
+    def _check_out(self) -> None:
+        engine = self.storage == "engine"
+        if engine != (self.out.suffix == ENGINE):
+            raise InputError(f"{self.out}: name it {ENGINE if engine else '.wntc'} with --for {self.storage}")
+        if self.ktx2 and not engine:
+            raise InputError("--ktx2: is for latents of --for engine; leave it out, or see decompress --ktx2")
+        check_target(self.out)
 
     def _goals(self) -> dict[str, Any]:
         goals = {name: getattr(self, name) for name in ("bpp", "psnr", "size", "quality")}
@@ -136,7 +145,7 @@ class Decompress(Options):
     """Write a neural texture's maps as pictures: PNG, EXR where values go beyond 0 to 1, DDS or KTX 2.0."""
 
     file: tyro.conf.Positional[Path]
-    """.wntc"""
+    """.wntc, or .safetensors of --for engine"""
     out: Out
     """folder for the pictures; of all mip levels, for folders level_0, level_1, ..."""
     mip: str = "0"
@@ -194,42 +203,3 @@ class Decompress(Options):
         if names == ():
             raise InputError(f"--maps: give some of {', '.join(each.name for each in maps)}")
         return [each for each in maps if names is None or each.name in names]
-
-
-def is_texture(path: Path) -> bool:
-    """By its name or its content."""
-    with suppress(OSError), path.open("rb") as file:
-        return path.suffix.lower() == ".wntc" or file.read(len(MAGIC)) == MAGIC
-    return path.suffix.lower() == ".wntc"
-
-
-def describe_file(path: Path) -> dict:
-    """Without decoding any latents."""
-    file = TextureFile(path)
-    return {"format": "wntc", **describe_texture(file, file.sizes, file.extra)}
-
-
-def describe_texture(state: TextureState | TextureFile, parts: dict[str, Any], metrics: Mapping) -> dict:
-    """Of a neural texture in a file: parts, its bytes by part; metrics, what was measured when it was made."""
-    spec, texels = state.spec, state.spec.height * state.spec.width
-    total = parts["all"]
-    bits = {name: 8 * int(np.sum(count)) / texels for name, count in parts.items()}
-    return {
-        "width": spec.width,
-        "height": spec.height,
-        "mips": spec.mips,
-        "bytes": total,
-        "bits_per_texel": 8 * total / texels,
-        "bits_per_texel_of": bits,
-        "grids": [vars(grid) for grid in spec.grids],
-        "hidden": list(spec.hidden),
-        "maps": [_describe_map(each) for each in state.maps],
-        "metrics": dict(metrics),
-    }
-
-
-def _describe_map(each: Map) -> dict:
-    constant = [each.low[c] for c in range(each.channels) if c not in each.trained]
-    spread = [np.float32(ends).item() for ends in (min(each.low), max(each.high))]
-    row = {"map": each.name, "kind": each.kind, "channels": each.channels, "constant": constant, "range": spread}
-    return row | {"bits": each.bits, "file": each.file or "none"}
