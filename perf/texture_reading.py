@@ -18,7 +18,7 @@ from warp_neural.cli import progress, run
 from warp_neural.kernels.texture.block_latents import PARAMETERS, STEPS
 from warp_neural.kernels.texture.spec import BlockSpec, TextureSpec
 from warp_neural.samples.textured_scene.fetch import make_exact_fetch
-from warp_neural.samples.textured_scene.scene import Renderer, camera_at
+from warp_neural.samples.textured_scene.scene import Renderer, camera_at, to_8_bit
 from warp_neural.texture import EngineTexture, Texture
 from warp_neural.texture.block_state import BlockState, to_bc1
 from warp_neural.texture.presets import BLOCKS, FEW, FIXED, MANY
@@ -95,12 +95,16 @@ def add_frames(bench: Bench, config: Config, side: int, size: tuple[int, int]) -
         renderer = Renderer(fetch, maps.Params, maps.params, bench.device, *size)
         if maps is virtual:
             warm(virtual, lambda: renderer.render(camera))  # noqa: B023
-        pictures[name] = renderer.render(camera)[0].numpy()
+        pictures[name] = to_8_bit(renderer.render(camera)[0], bench.device)
         bench.time(name, "frame", lambda: renderer.render(camera))  # noqa: B023
         used = maps.bytes if maps is not virtual else of_used_tiles(virtual)
         bench.add(name, "memory", used / 2**20, "MiB")
-    if not (pictures["on feedback, warm"] == pictures["on load, codes"]).all():
-        raise RuntimeError("on feedback: the picture of the warm cache is not that of on load")
+    difference = np.abs(pictures["on feedback, warm"] - pictures["on load, codes"]).max(axis=-1)
+    if difference.max() > 1.01 / 255:  # float32 sums in another order
+        raise RuntimeError(
+            f"on feedback: the warm cache's picture is {255 * difference.max():.0f}/255 off that of on load"
+        )
+    bench.add("on feedback, warm", "pixels off by 1/255", int((difference > 0).sum()), "")
     updates = [wall_ms(virtual.update, 1) for _ in range(WARM_UP + config.rounds)][WARM_UP:]
     bench.add("on feedback, warm", "update", np.array(updates), "ms")
 

@@ -113,7 +113,8 @@ def test_whole_pictures_are_texels(texture, device):
     both = np.concatenate([maps["albedo"], maps["height"][..., :1]], -1).reshape(-1, 4)
     np.testing.assert_allclose(both, texels(texture, places, 4, device), atol=1e-5)
     assert (maps["height"][..., 1] == 0.5).all()
-    np.testing.assert_array_equal(texture.decode(0, (3, 5, 7, 9))["albedo"], texture.decode()["albedo"][5:14, 3:10])
+    part = texture.decode(0, (3, 5, 7, 9))["albedo"]
+    np.testing.assert_allclose(part, texture.decode()["albedo"][5:14, 3:10], atol=1e-5)  # lanes may be missing
 
 
 @pytest.mark.parametrize("file", ["dds", "ktx2"])

@@ -27,7 +27,8 @@ def test_packed_latents_come_back(bits, resident):
         values[wp.tid()] = latent(words, 2, wp.tid())  # two words of others before
 
     values = wp.zeros(latents.size, dtype=float, device="cpu")
-    wp.launch(read, latents.size, [wp.array(np.insert(words, 0, [7, 9]), dtype=wp.uint32, device="cpu"), values])
+    packed = wp.array(np.insert(words, 0, [7, 9]), dtype=wp.uint32, device="cpu")
+    wp.launch(read, latents.size, [packed, values], device="cpu")
     np.testing.assert_array_equal(values.numpy(), latents.ravel())
 
 
