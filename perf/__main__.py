@@ -3,8 +3,8 @@
 Each runs in a process of its own and alone. On CUDA all run at once before that, one round each into a folder that goes
 away: their kernels then lie compiled in Warp's cache, and the measurements take little but their own time. `cpu` and
 `samples` are left out with `--device cuda`, `samples` and `profile` with `--quick`, `profile` without CUDA,
-`texture_codecs` without `--material FOLDER`, `texture_torch` without PyTorch. Ends with `python -m perf.report` if told
-to `--record`.
+`texture_codecs` and `texture_storage` without `--material FOLDER`, `texture_torch` without PyTorch. Ends with
+`python -m perf.report` if told to `--record`.
 """
 
 import subprocess
@@ -22,9 +22,10 @@ from warp_neural.cli import resolve_device, run
 
 NAMES = (
     "inference", "training", "divergence", "profile", "fusion", "layout", "precision", "compile", "mipmap", "cpu",
-    "samples", "texture_torch", "texture_codecs",
+    "samples", "texture_torch", "texture_reading", "texture_codecs", "texture_storage",
 )  # fmt: skip
-NOT_AHEAD = ("compile", "profile", "cpu", "samples", "texture_codecs")  # have own caches, others' kernels, or run long
+OF_MATERIALS = ("texture_codecs", "texture_storage")
+NOT_AHEAD = ("compile", "profile", "cpu", "samples", *OF_MATERIALS)  # have own caches, others' kernels, or run long
 MOST_SECONDS = 300  # of one measurement
 MOST_SECONDS_OF_CODECS = 7200  # FLIP takes seconds a map and setting, files minutes each on the CPU
 
@@ -32,12 +33,12 @@ MOST_SECONDS_OF_CODECS = 7200  # FLIP takes seconds a map and setting, files min
 @dataclass(frozen=True, kw_only=True)
 class AllConfig(Config):
     material: Path | None = None
-    """folder of a material for `texture_codecs`"""
+    """folder of a material for `texture_codecs` and `texture_storage`"""
 
 
 def chosen(config: AllConfig, cuda: bool) -> list[str]:
     left_out = {"samples", "profile"} if config.quick else set()
-    left_out |= set() if config.material else {"texture_codecs"}
+    left_out |= set() if config.material else set(OF_MATERIALS)
     left_out |= set() if find_spec("torch") else {"texture_torch"}
     left_out |= set() if cuda else {"profile"}
     left_out |= {"cpu", "samples"} if cuda and config.device != "auto" else set()
@@ -46,7 +47,7 @@ def chosen(config: AllConfig, cuda: bool) -> list[str]:
 
 def measure(name: str, options: list[str]) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", f"perf.{name}", *options]
-    most = MOST_SECONDS_OF_CODECS if name == "texture_codecs" else MOST_SECONDS
+    most = MOST_SECONDS_OF_CODECS if name in OF_MATERIALS else MOST_SECONDS
     try:
         return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=most)
     except subprocess.TimeoutExpired:
@@ -74,7 +75,7 @@ def main(config: AllConfig) -> dict:
     options += ["--record"] * config.record
     for name in names:
         start = time.perf_counter()
-        material = ["--material", str(config.material)] if name == "texture_codecs" else []
+        material = ["--material", str(config.material)] if name in OF_MATERIALS else []
         done = measure(name, options + material + (["--device", "cpu"] if name == "cpu" else where))
         metrics[f"{name}_seconds"] = time.perf_counter() - start
         if done.returncode:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from perf import recorded
 from perf.networks import SHAPES, shape_name
 from perf.results import Result
+from perf.texture_reading import GRIDS
+from perf.texture_storage import RTXNTC
 
 MIPMAPS, VECTORS, TRAINING, TEXTURES = "Mip maps", "Cooperative vectors", "Training", "Neural textures"
 TERA = "TFLOP/s"
@@ -206,7 +208,20 @@ def texture_goals() -> list[Goal]:
         Goal(TEXTURES, "a step of 65,536 texels with rate term", "texture_torch", *step, 0.25, most=True, unit="ms"),
         Goal(TEXTURES, "the same step in PyTorch, eager", "texture_torch", *eager, 30, of=step),
         *(Goal(TEXTURES, f"above RTXNTC's line, {m}", f"texture_codecs_{m}", **least) for m in recorded.RTXNTC),
+        *(whole_goal(name) for name in GRIDS),
+        *(storage_goal(material, bits, its) for material in recorded.RTXNTC for bits, its in RTXNTC.items()),
     ]
+
+
+def whole_goal(name: str) -> Goal:
+    text = f"all channels of 1024 x 1024 by tensor cores, {name}"
+    return Goal(TEXTURES, text, "texture_reading", "whole, float16", name, 0.1, most=True, unit="ms")
+
+
+def storage_goal(material: str, bits: float, its: float) -> Goal:
+    text = f"{bits} bits in memory above RTXNTC's {its}, {material}"
+    where = f"texture_storage_{material}", "ahead: PSNR", f"sample {bits:.2f}"
+    return Goal(TEXTURES, text, *where, 0.5, cuda=False, unit="dB")
 
 
 GOALS = [*mipmap_goals(), *inference_goals(), *training_goals(), *texture_goals()]

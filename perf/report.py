@@ -20,9 +20,10 @@ of them span. *Recorded*: measured by others or elsewhere, not in that run. LxN:
 *(frozen calls)*.
 `python -m perf.compare OLD NEW` shows what moved between two folders of results beyond its spread.
 """
+MAIN = "inference"  # machines without it have but a few measurements, and only the goals of these
 ORDER = (
     "inference", "divergence", "fusion", "layout", "precision", "training", "compile", "cpu", "mipmap", "samples",
-    "texture_torch", "profile",
+    "texture_torch", "texture_reading", "profile",
 )  # fmt: skip
 
 
@@ -39,11 +40,11 @@ class Config:
 def goals_table(results: dict[str, Result], cuda: bool) -> tuple[str, dict[str, int]]:
     """Markdown, a table for each thing that goals are about, and how many are met, missed, not measured."""
     lines, counts, reasons = [], {"met": 0, "missed": 0, "not measured": 0}, {}
-    for about in dict.fromkeys(goal.about for goal in GOALS):
+    whole = not results or MAIN in results
+    goals = [goal for goal in GOALS if goal.cuda == cuda and (whole or goal.measurement in results)]
+    for about in dict.fromkeys(goal.about for goal in goals):
         lines += [f"#### {about}", "", "| goal | measured | asked for | |", "|---|---:|---:|---|"]
-        for goal in GOALS:
-            if (goal.about, goal.cuda) != (about, cuda):
-                continue
+        for goal in (goal for goal in goals if goal.about == about):
             measured, asked, verdict = goal.judge(results)
             kind = next((kind for kind in ("met", "missed") if f"**{kind}**" in verdict), "not measured")
             counts[kind] += 1
@@ -81,7 +82,7 @@ def machine_page(folder: Path) -> tuple[str, dict[str, int], bool]:
     results = load_all(folder)
     if not results:
         raise InputError(f"{folder}: no results here; make them with python -m perf")
-    main = results.get("inference") or next(iter(results.values()))
+    main = results.get(MAIN) or next(iter(results.values()))
     cuda = "architecture" in main.machine
     goals, counts = goals_table(results, cuda)
     parts = [f"## {main.machine['device']}\n", "### What to choose\n", *(f"- {line}" for line in advice(results))]

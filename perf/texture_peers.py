@@ -36,8 +36,8 @@ class Coded:
     maps: Maps
 
 
-def check_installed() -> None:
-    missing = [name for name in ("etcpak", "quicktex", "texture2ddecoder") if not find_spec(name)]
+def check_installed(*others: str) -> None:
+    missing = [name for name in ("etcpak", "quicktex", "texture2ddecoder", *others) if not find_spec(name)]
     if missing:
         raise InputError(f"{', '.join(missing)}: not installed; pip install -e '.[peers]'")
 

@@ -43,7 +43,7 @@ class StorageConfig(Config):
 
 
 def main(config: StorageConfig) -> dict:
-    check_installed()
+    check_installed("zstandard")
     texture_set = load_material(config.material, config.crop)
     name = texture_set.name + (f"_{config.crop}" if config.crop else "")
     bench = Bench(f"texture_storage_{name}", config)

@@ -25,6 +25,7 @@ from perf import (
     precision,
     report,
     samples,
+    texture_reading,
     training,
 )
 from perf.goals import GOALS, TESTED
@@ -44,6 +45,7 @@ MEASUREMENTS = {
     mipmap: (measure.Config, [], ("gradient", "time", "ms")),
     cpu: (cpu.CpuConfig, ["--samples", "1024"], ("Warp Neural", "training step", "ms")),
     samples: (measure.Config, [], ("mipmap: linear error / box", "figure", "")),
+    texture_reading: (measure.Config, [], ("for engines", "frame", "ms")),
 }
 
 
@@ -72,7 +74,7 @@ def test_measurement(alone, module, tmp_path, capfd):
     figure = result.find(row, column)
     assert (figure.unit, metrics[f"{row} / {column}"]) == (unit, figure.value)
     assert figure.low <= figure.value <= figure.high
-    assert all(f.value > 0 or f.row == "float16 under float32" for f in result.figures)
+    assert all(f.value > 0 or f.row in ("float16 under float32", "on feedback, warm") for f in result.figures)
     assert result.machine["CPU"] == machine.cpu_name() and "Warp" in result.machine
     assert result.table() in captured.err  # with --json, all but the metrics goes there
     assert load_image(tmp_path / f"{name}.png").std() > 0.01
@@ -81,7 +83,7 @@ def test_measurement(alone, module, tmp_path, capfd):
 def test_all_measurements_are_run(monkeypatch):
     names = {module.__name__.removeprefix("perf.") for module in MEASUREMENTS}
     names |= {"profile", "texture_torch"}
-    assert names == set(report.ORDER) and names | {"texture_codecs"} == set(__main__.NAMES)
+    assert names == set(report.ORDER) and names | {"texture_codecs", "texture_storage"} == set(__main__.NAMES)
     monkeypatch.setattr(__main__, "find_spec", lambda name: None)
     config = __main__.AllConfig(quick=True)
     assert not {"samples", "profile", "texture_torch", "texture_codecs"} & set(__main__.chosen(config, cuda=True))
