@@ -127,3 +127,11 @@ def test_a_checkout_that_is_not_installed(source, tmp_path):
     """On the path of a Python that is started elsewhere."""
     printed = python("-c", CHECKOUT, path=source, cwd=tmp_path)
     assert Path(printed.splitlines()[0]).is_relative_to(source) and "--material" in printed
+
+
+def test_commands_say_nothing_before_they_run():
+    """Nothing that is imported starts Warp, which would greet on stdout, where --json promises one line."""
+    samples = sorted(path.parent.name for path in (ROOT / "samples").glob("*/__main__.py"))
+    modules = [f"warp_neural.samples.{name}.__main__" for name in samples] + ["warp_neural.cli.commands"]
+    assert len(samples) >= 7
+    assert python("-c", f"import {', '.join(modules)}", path=None, cwd=ROOT) == ""

@@ -29,7 +29,7 @@ from warp_neural.samples.textured_scene.geometry import (
     uv_along,
 )
 
-SUN = wp.constant(wp.normalize(wp.vec3(-0.5, 0.75, 0.45)))  # towards it
+SUN = wp.constant(wp.vec3(*np.array([-0.5, 0.75, 0.45]) / np.linalg.norm([-0.5, 0.75, 0.45])))  # towards it
 SUN_COLOUR = wp.constant(wp.vec3(2.4, 2.2, 1.9))
 SKY = wp.constant(wp.vec3(0.35, 0.45, 0.6))
 

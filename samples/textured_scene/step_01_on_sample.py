@@ -13,10 +13,10 @@ not count; in 255ths of what is displayed, its root mean square. FLIP is that of
 rays a pixel into the texture's finest level. Expect, in 40 s on one CPU core and as long for compiling and training:
 
                   boiling, alone, accumulated     FLIP, alone, accumulated     ms a frame
-    exact                  2.8            2.7           0.049        0.024            580
-    bilinear               6.6            2.8           0.055        0.026             90
-    bicubic                7.2            2.8           0.058        0.027            100
-    gaussian               7.2            2.8           0.058        0.027            110
+    exact                  2.7            2.5           0.047        0.024          1,030
+    bilinear               6.1            2.6           0.054        0.025            140
+    bicubic                6.7            2.6           0.056        0.026            190
+    gaussian               6.7            2.6           0.056        0.026            140
 """
 
 import time

@@ -26,7 +26,8 @@ class Config(CommonConfig):
     out: Path = Path("out/textured_scene")
     """folder for pictures and files"""
     texture: Path | None = None
-    """a .wntc file of albedo, normal and roughness with all their channels; none: tiles, trained first"""
+    """a .wntc file, or .safetensors for engines, of albedo, normal and roughness with all their channels; none: tiles,
+    trained first for few bits in memory"""
     steps: Annotated[int | None, Between(100, 10**7)] = None
     """gradient steps of that training; none: 1000 on the CPU, those of a preview on CUDA"""
     width: Annotated[int | None, Between(16, 4096)] = None
@@ -50,6 +51,6 @@ def load_texture(config: Config, device: wp.Device) -> Texture:
     side, steps = (2 * TEXELS, config.steps) if device.is_cuda else (TEXELS, config.steps or STEPS_ON_CPU)
     source = load_set(tiled_material(side, config.seed), maps=MAPS)
     options = {"device": device, "seed": config.seed, "quiet": config.json, "preview": device.is_cuda}
-    texture = wn.texture.compress(source, mips=side.bit_length(), steps=steps, **options)
+    texture = wn.texture.compress(source, mips=side.bit_length(), steps=steps, storage="sample", **options)
     texture.save(config.out / "tiles.wntc")
     return texture
