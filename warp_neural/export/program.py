@@ -1,0 +1,121 @@
+"""A network as a program of statements: encoding, layers, activations, roundings."""
+
+import hashlib
+import re
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from warp_neural.errors import InputError
+from warp_neural.export.encodings import encode
+from warp_neural.export.statements import Array, Block, For, Let, Set, Statement, without_ternaries
+from warp_neural.kernels.nn.activations import Activation
+from warp_neural.kernels.nn.spec import FORMATS
+from warp_neural.nn.state import NetworkState
+
+PRECISIONS = "float32", "float16"
+FUNCTIONS = {"exp", "log", "tanh", "erf", "sin", "cos", "sqrt", "abs"}
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """`x` [n_in] to `y` [n_out] for a network of one. precision: float32, or float16 of weights and of vectors between
+    layers, with sums in float32.
+
+    by_inputs: weights of a layer lie [n_in, n_out], as CPUs sum them, else row major, [n_out, n_in].
+    """
+
+    state: NetworkState
+    precision: str
+    by_inputs: bool = False
+
+    def __post_init__(self) -> None:
+        if self.state.count != 1:
+            raise InputError(f"{self.state.count} networks in one; save them one by one, each is exported alone")
+        for activation in {self.state.spec.activation, self.state.spec.output_activation}:
+            portable(activation)
+
+    @property
+    def n_in(self) -> int:
+        return self.state.n_in
+
+    @property
+    def n_out(self) -> int:
+        return self.state.spec.sizes[-1]
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Of each layer weights, then biases; then the encoding's parameters; float32."""
+        parts = []
+        for w, b in zip(self.state.weights, self.state.biases, strict=True):
+            w = w.astype(np.float16).astype(np.float32) if self.precision == "float16" else w
+            parts += [(w.T if self.by_inputs else w).ravel(), b]
+        return np.concatenate([*parts, self.state.encoding_parameters.ravel()])
+
+    @property
+    def digest(self) -> str:
+        """Of all that makes the network, 16 hexadecimal digits."""
+        text = f"{self.state.spec} {self.state.encoding} {self.precision}".encode()
+        return hashlib.sha256(text + self.state.parameters.tobytes() + self.state.encoding_parameters.tobytes()).hexdigest()[:16]
+
+    @cached_property
+    def body(self) -> tuple[Statement, ...]:
+        spec, encoding = self.state.spec, self.state.encoding
+        x = tuple(f"x[{i}]" for i in range(self.n_in))
+        statements: list[Statement] = [Array("h0", spec.sizes[0])]
+        if encoding:
+            encoded = encode(encoding, x, 0, spec.n_parameters)
+            statements.append(Block(type(encoding).__name__, tuple(encoded)))
+        else:
+            statements += [Set(f"h0[{i}]", value) for i, value in enumerate(x)]
+        if self.precision == "float16":
+            statements.append(For("i_input", spec.sizes[0], (Set("h0[i_input]", "half(h0[i_input])"),)))
+        for l in range(len(spec.layers)):
+            statements += self._layer(l)
+        return tuple(statements)
+
+    def _layer(self, l: int) -> list[Statement]:
+        spec = self.state.spec
+        (n_in, n_out), last = spec.layers[l], l == len(spec.layers) - 1
+        start = spec.offsets[l]
+        biases, sums = start + n_in * n_out, f"sums{l}"
+        n, k, m, o = (f"{name}{l}" for name in ("n", "k", "m", "o"))
+        begin = For(m, n_out, (Set(f"{sums}[{m}]", f"weights[{biases} + {m}]"),))
+        place = f"{start} + {k} * {n_out} + {n}" if self.by_inputs else f"{start} + {n} * {n_in} + {k}"
+        term = Set(f"{sums}[{n}]", f"fma(h{l}[{k}], weights[{place}], {sums}[{n}])")
+        loops = ((k, n_in), (n, n_out)) if self.by_inputs else ((n, n_out), (k, n_in))
+        (outer, outer_count), (inner, inner_count) = loops
+        products = For(outer, outer_count, (For(inner, inner_count, (term,)),))
+        result = portable(spec.activation_of(l))
+        if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
+            result = f"half({result})"
+        target = f"y[{o}]" if last else f"h{l + 1}[{o}]"
+        finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, re.sub(r"\bz\b", f"z{l}", result))))
+        arrays = [Array(sums, n_out)] + ([] if last else [Array(f"h{l + 1}", n_out)])
+        return [*arrays, begin, products, finish]
+
+
+def make_program(state: NetworkState, precision: str | None = None, by_inputs: bool = False) -> Program:
+    """precision: that of the network if None. Raises `InputError` for what cannot be expressed."""
+    spec = state.spec
+    if precision is None:
+        precision = spec.format.name
+        if precision not in PRECISIONS or spec.accumulation != "float32":
+            raise InputError(
+                f"a network of {precision} with sums in {spec.accumulation}: exports are of float32, or of float16 with "
+                "sums in float32; give --precision float16, the nearest"
+            )
+    if precision not in PRECISIONS:
+        known = "is not exported yet" if precision in FORMATS else "is unknown"
+        raise InputError(f"precision {precision}: {known}; give one of {', '.join(PRECISIONS)}")
+    return Program(state, precision, by_inputs)
+
+
+def portable(activation: Activation) -> str:
+    """Its expression of `z` as statements have them. Raises `InputError` for functions that they do not have."""
+    words = set(re.findall(r"\b[A-Za-z_]\w*", re.sub(r"\b[\d.]+(e[-+]?\d+)?f\b", "", activation.value)))
+    unknown = words - FUNCTIONS - {"z", "wp"}
+    if unknown:
+        raise InputError(f"activation {activation.name!r} calls {', '.join(sorted(unknown))}, which is not exported")
+    return without_ternaries(activation.value.replace("wp::", ""))
