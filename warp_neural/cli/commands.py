@@ -1,4 +1,4 @@
-"""The command `warp-neural`: describe files, convert networks, compress textures, list devices."""
+"""The command `warp-neural`: describe files, convert networks, compress textures, export networks, list devices."""
 
 import json
 import sys
@@ -12,6 +12,7 @@ import warp as wp
 
 from warp_neural import __version__, cli
 from warp_neural.cli.ending import ending
+from warp_neural.cli.export_command import Export
 from warp_neural.cli.printing import lines_of
 from warp_neural.cli.texture_commands import Compress, Decompress
 from warp_neural.cli.texture_info import describe_engine, describe_file, is_texture
@@ -151,7 +152,12 @@ def main(args: list[str] | None = None) -> None:
         with ending():
             print(f"warp-neural {__version__}")
         return
-    cli.run(lambda command: command.main(), Info | Compress | Decompress | Convert | Devices, args, prog="warp-neural")
+    cli.run(
+        lambda command: command.main(),
+        Info | Compress | Decompress | Convert | Export | Devices,
+        args,
+        prog="warp-neural",
+    )
 
 
 def _describe(state: NetworkState) -> dict:

@@ -21,8 +21,8 @@ def header(program: Program, name: str, about: str) -> str:
     """Everything in namespace `name`; `evaluate` is a function of one sample."""
     math = "".join(f"    {line}\n" if line else "\n" for line in (TEXT / "math.hpp").read_text().splitlines())
     return f"""// {about}
-// Include it anywhere; it needs C++17 and nothing else. Compile without -ffast-math, and with -ffp-contract=off where the
-// processor has fused multiply-add (-march=native): fused ones stand where they are meant, others change the last bits.
+// Include it anywhere; it needs C++17 and nothing else. Compile without -ffast-math, and with -ffp-contract=off where
+// the processor multiplies and adds at once (-march=native): that stands where it is meant, elsewhere it changes bits.
 #pragma once
 #include <cmath>
 #include <cstdint>

@@ -149,9 +149,7 @@ def _axis(encoding: LatentTexture, name: str, value: str, size: int) -> list[Sta
 
 @encode.register
 def _(encoding: HashGrid, x: Values, out: int, start: int) -> list[Statement]:
-    return [
-        Block(f"level {level}", tuple(_level(encoding, level, x, out, start))) for level in range(encoding.levels)
-    ]
+    return [Block(f"level {level}", tuple(_level(encoding, level, x, out, start))) for level in range(encoding.levels)]
 
 
 def _level(encoding: HashGrid, level: int, x: Values, out: int, start: int) -> list[Statement]:

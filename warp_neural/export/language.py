@@ -21,7 +21,7 @@ class Language:
             case Array(name, size):
                 return f"{indent}{self.array(name, size)}\n"
             case Set(target, value):
-                return f"{indent}{target} = {value};\n"
+                return f"{indent}{self.set(target, value)}\n"
             case For(name, count, body):
                 return f"{indent}{self.loop(name, count)} {{\n{self.lines(body, depth + 1)}{indent}}}\n"
             case Block(note, body):
@@ -36,6 +36,9 @@ class Language:
 
     def array(self, name: str, size: int) -> str:
         return f"float {name}[{size}];"
+
+    def set(self, target: str, value: str) -> str:
+        return f"{target} = {value};"
 
     def loop(self, name: str, count: int) -> str:
         return f"for (int {name} = 0; {name} < {count}; ++{name})"

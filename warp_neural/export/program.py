@@ -56,8 +56,10 @@ class Program:
     @property
     def digest(self) -> str:
         """Of all that makes the network, 16 hexadecimal digits."""
-        text = f"{self.state.spec} {self.state.encoding} {self.precision}".encode()
-        return hashlib.sha256(text + self.state.parameters.tobytes() + self.state.encoding_parameters.tobytes()).hexdigest()[:16]
+        state = self.state
+        text = f"{state.spec} {state.encoding} {self.precision}".encode()
+        data = state.parameters.tobytes() + state.encoding_parameters.tobytes()
+        return hashlib.sha256(text + data).hexdigest()[:16]
 
     @cached_property
     def body(self) -> tuple[Statement, ...]:
@@ -70,7 +72,7 @@ class Program:
         else:
             statements += [Set(f"h0[{i}]", value) for i, value in enumerate(x)]
         if self.precision == "float16":
-            statements.append(For("i_input", spec.sizes[0], (Set("h0[i_input]", "half(h0[i_input])"),)))
+            statements.append(For("i_input", spec.sizes[0], (Set("h0[i_input]", "to_half(h0[i_input])"),)))
         for l in range(len(spec.layers)):
             statements += self._layer(l)
         return tuple(statements)
@@ -83,13 +85,13 @@ class Program:
         n, k, m, o = (f"{name}{l}" for name in ("n", "k", "m", "o"))
         begin = For(m, n_out, (Set(f"{sums}[{m}]", f"weights[{biases} + {m}]"),))
         place = f"{start} + {k} * {n_out} + {n}" if self.by_inputs else f"{start} + {n} * {n_in} + {k}"
-        term = Set(f"{sums}[{n}]", f"fma(h{l}[{k}], weights[{place}], {sums}[{n}])")
+        term = Set(f"{sums}[{n}]", f"multiply_add(h{l}[{k}], weights[{place}], {sums}[{n}])")
         loops = ((k, n_in), (n, n_out)) if self.by_inputs else ((n, n_out), (k, n_in))
         (outer, outer_count), (inner, inner_count) = loops
         products = For(outer, outer_count, (For(inner, inner_count, (term,)),))
         result = portable(spec.activation_of(l))
         if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
-            result = f"half({result})"
+            result = f"to_half({result})"
         target = f"y[{o}]" if last else f"h{l + 1}[{o}]"
         finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, re.sub(r"\bz\b", f"z{l}", result))))
         arrays = [Array(sums, n_out)] + ([] if last else [Array(f"h{l + 1}", n_out)])
@@ -103,8 +105,8 @@ def make_program(state: NetworkState, precision: str | None = None, by_inputs: b
         precision = spec.format.name
         if precision not in PRECISIONS or spec.accumulation != "float32":
             raise InputError(
-                f"a network of {precision} with sums in {spec.accumulation}: exports are of float32, or of float16 with "
-                "sums in float32; give --precision float16, the nearest"
+                f"a network of {precision} with sums in {spec.accumulation}: exports are of float32, or of float16 "
+                "with sums in float32; give precision float16, the nearest"
             )
     if precision not in PRECISIONS:
         known = "is not exported yet" if precision in FORMATS else "is unknown"
@@ -118,4 +120,4 @@ def portable(activation: Activation) -> str:
     unknown = words - FUNCTIONS - {"z", "wp"}
     if unknown:
         raise InputError(f"activation {activation.name!r} calls {', '.join(sorted(unknown))}, which is not exported")
-    return without_ternaries(activation.value.replace("wp::", ""))
+    return without_ternaries(activation.value.replace("wp::", "").replace("tanh(", "tanh_of("))

@@ -1,12 +1,15 @@
 """The intermediate form of exported functions: a few kinds of statements, which each language writes its own way.
 
 Expressions are text that all languages share: float literals end in f and unsigned ones in u; types are float, int,
-uint and bool, also as conversions; there is no ?:, but `pick(condition, a, b)` of floats. Functions are `fma`, `exp`,
-`log`, `tanh`, `erf`, `sin`, `cos`, `sqrt`, `abs`, `floor`, `min`, `max`, `nearest` (whole numbers, ties to even) and
-`half` (rounded to float16). `weights[i]` reads the parameters, `x[i]` the inputs, and `y[i]` is a result.
+uint and bool, also as conversions; there is no ?:, but `pick(condition, a, b)` of floats. Functions are `multiply_add`
+(rounded once where hardware does), `exp`, `log`, `tanh_of`, `erf`, `sin`, `cos`, `sqrt`, `abs`, `floor`, `min`, `max`,
+`nearest` (whole numbers, ties to even), `to_half` (rounded to float16), `quartic` (see `OneBlob`). `weights[i]` reads
+the parameters, `x[i]` the inputs, and `y[i]` is a result.
 """
 
 from dataclasses import dataclass
+
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,19 @@ class Block:
 Statement = Let | Variable | Array | Set | For | Block
 
 
+@dataclass(frozen=True)
+class Function:
+    """Of floats, with a float result."""
+
+    name: str
+    arguments: tuple[str, ...]
+    body: tuple[Statement, ...]
+    result: str
+
+
 def number(value: float) -> str:
     """A float literal, of a float32 number."""
-    text = repr(float(value))
+    text = str(np.float32(value))
     return f"{text}f" if "e" in text or "." in text else f"{text}.0f"
 
 

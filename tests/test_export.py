@@ -1,0 +1,156 @@
+"""Exported networks against Python: C++ and MSL by g++, folders as their README says, and what is refused."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import refused, run
+from export_networks import CASES, ROWS, cases
+
+import warp_neural as wn
+from warp_neural.errors import InputError
+from warp_neural.export import TARGETS, export
+from warp_neural.export.cpp import header
+from warp_neural.export.program import make_program
+from warp_neural.export.shaders import SHADERS
+from warp_neural.export.statements import without_ternaries
+from warp_neural.kernels.nn.activations import Activation
+
+NATIVE = Path(__file__).parent / "native"
+COMPILER = pytest.mark.skipif(not shutil.which("g++"), reason="no g++")
+FLAGS = {"plain": ["-O3"], "native": ["-O3", "-march=native", "-ffp-contract=off"]}
+RUN = """#include <cstdio>
+template <int N, class F> void run(F f) {
+    float x[N], y[3];
+    for (int i = 0; i < %d; ++i) {
+        if (std::fread(x, 4, N, stdin) != N) return;
+        f(x, y);
+        std::fwrite(y, 4, 3, stdout);
+    }
+}
+int main() { %s }
+"""
+
+
+def test_ternaries():
+    assert without_ternaries("(z > 0.0f ? z : 0.5f * z)") == "(pick(z > 0.0f, z, 0.5f * z))"
+    assert without_ternaries("a ? b : c ? d : e") == "pick(a, b, pick(c, d, e))"
+    assert (
+        without_ternaries("f(a ? b : c) + (d ? (e ? 1 : 2) : 3)") == "f(pick(a, b, c)) + (pick(d, (pick(e, 1, 2)), 3))"
+    )
+
+
+def compiled(source: str, folder: Path, *flags: str) -> Path:
+    path = folder / "program.cpp"
+    path.write_text(source)
+    command = ["g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *flags, str(path), "-o", str(path.with_suffix(""))]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[:2000]
+    return path.with_suffix("")
+
+
+def results(program: Path, networks: list) -> list[np.ndarray]:
+    given = b"".join(case.inputs.tobytes() for case in networks)
+    done = subprocess.run([str(program)], input=given, stdout=subprocess.PIPE, check=True)
+    return list(np.frombuffer(done.stdout, np.float32).reshape(len(networks), ROWS, 3))
+
+
+@COMPILER
+@pytest.mark.parametrize(("name", "precision"), CASES)
+def test_cpp_is_equal_bit_for_bit(name, precision, tmp_path):
+    """Over three networks each, 105 in all, without and with fused multiply-add of the processor."""
+    networks = cases(name, precision)
+    headers = [header(make_program(case.state, by_inputs=True), f"net{i}", "a test") for i, case in enumerate(networks)]
+    calls = [f"run<net{i}::inputs>([](auto& x, auto& y) {{ net{i}::evaluate(x, y); }});" for i in range(len(networks))]
+    source = "".join(headers).replace("#pragma once", "") + RUN % (ROWS, " ".join(calls))
+    for flags in FLAGS.values():
+        for case, found in zip(networks, results(compiled(source, tmp_path, *flags), networks), strict=True):
+            np.testing.assert_array_equal(found.view(np.int32), case.outputs.view(np.int32))
+            assert np.unique(found).size > ROWS  # not all the same
+
+
+@COMPILER
+@pytest.mark.parametrize(("name", "precision"), CASES[::3])
+def test_msl_as_cpp(name, precision, tmp_path):
+    """There is no compiler of MSL here: `native/metal.h` makes it C++."""
+    (case, *_) = cases(name, precision)
+    program = make_program(case.state)
+    text = SHADERS["msl"]().source(program, "a test").replace("#include <metal_stdlib>", f'#include "{NATIVE}/metal.h"')
+    weights = ", ".join(float(value).hex() + "f" for value in program.weights)
+    call = f"run<{program.n_in}>([&](auto& x, auto& y) {{ evaluate(weights, x, y); }});"
+    source = text + RUN % (ROWS, f"const float weights[] = {{{weights}}}; {call}")
+    (found,) = results(compiled(source, tmp_path, "-O1", "-Wno-attributes", "-Wno-comment"), [case])
+    scale = np.abs(case.outputs).max()
+    np.testing.assert_allclose(found, case.outputs, atol=(1e-5 if precision == "float32" else 1e-3) * scale)
+
+
+@COMPILER
+def test_the_folder_builds_as_its_readme_says(tmp_path):
+    net = wn.MLP(2, 3, 16, 2, encoding=wn.encodings.Frequency(4), device="cpu")
+    wn.save_network(tmp_path / "my-net.safetensors", net)
+    found = export(tmp_path / "my-net.safetensors", "cpp", tmp_path / "out")
+    assert set(map(Path, found["files"])) == set((tmp_path / "out").iterdir())
+    folder = shutil.move(tmp_path / "out", tmp_path / "elsewhere")
+    readme = (folder / "README.md").read_text()
+    (command,) = (line.split("`")[3] for line in readme.splitlines() if "g++" in line)
+    done = subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True)
+    assert done.stdout == "256 rows, 0 results differ from Python's, by 0 at most\n", done.stderr
+    assert found["hash"] in readme and wn.__version__ in readme
+    (folder / "inputs.bin").unlink()
+    done = subprocess.run("./a.out", cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 2 and "inputs.bin: cannot be read" in done.stderr
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_exports_are_reproducible_and_never_overwrite(target, tmp_path):
+    net = wn.MLP(3, 2, 8, 1, device="cpu", seed=3)
+    first = export(net, target, tmp_path / "a", name="small net")
+    again = export(net.state, target, tmp_path / "b", name="small net")
+    for one, other in zip(first["files"], again["files"], strict=True):
+        assert Path(one).read_bytes() == Path(other).read_bytes()
+    assert any(first["hash"] in Path(file).read_text(errors="replace") for file in first["files"])
+    with pytest.raises(InputError, match="is there already; give --force"):
+        export(net, target, tmp_path / "a", name="small net")
+    net.biases = [b + 1 for b in net.biases]
+    changed = export(net, target, tmp_path / "a", name="small net", force=True)
+    assert changed["hash"] != first["hash"]
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path):
+    def refuses(message, net, target="cpp", **options):
+        with pytest.raises(InputError, match=message):
+            export(net, target, tmp_path / "out", **options)
+        assert not (tmp_path / "out").exists()
+
+    net = wn.MLP(2, 2, 8, 1, device="cpu")
+    refuses("give one of cpp, glsl", net, "fortran")
+    refuses("precision e4m3: is not exported yet; give one of float32, float16", net, precision="e4m3")
+    refuses("precision double: is unknown", net, precision="double")
+    refuses("4 networks in one; save them one by one", wn.MLP(2, 2, 8, 1, count=4, device="cpu"))
+    for options in ({"precision": "e5m2"}, {"accumulation": "float16"}):
+        refuses("give precision float16, the nearest", wn.MLP(2, 2, 8, 1, device="cpu", **options))
+    own = Activation("own", "wp::atan(z)", "1.0f / (1.0f + z * z)")
+    refuses("activation 'own' calls atan, which is not exported", wn.MLP(2, 2, 8, 1, activation=own, device="cpu"))
+    (tmp_path / "a.safetensors").write_bytes(b"no network")
+    refuses(r"a\.safetensors: not a whole safetensors file", tmp_path / "a.safetensors")
+
+
+def test_another_precision_than_the_networks():
+    """float32 leaves weights as they are, float16 rounds them."""
+    state = replace(cases("relu", "float16")[0].state)
+    weights = np.concatenate([w.ravel() for w in state.weights])
+    exact, rounded = (make_program(state, precision).weights for precision in ("float32", "float16"))
+    assert set(weights.tolist()) <= set(exact.tolist())
+    assert set(weights.astype(np.float16).tolist()) <= set(rounded.tolist())
+
+
+def test_the_command(tmp_path, capfd):
+    net = wn.MLP(2, 3, 8, 1, device="cpu")
+    wn.save_network(tmp_path / "net.safetensors", net)
+    said = run(capfd, "export", str(tmp_path / "net.safetensors"), "--target", "wgsl", "-o", str(tmp_path / "out"))
+    assert said["target"] == "wgsl" and (tmp_path / "out" / "net.wgsl").is_file()
+    again = refused(capfd, "export", str(tmp_path / "net.safetensors"), "--target", "wgsl", "-o", str(tmp_path / "out"))
+    assert "is there already; give --force" in again

@@ -1,0 +1,155 @@
+"""Folders that a programmer builds without Python: source text, weights, rows to compare with, and a README."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warp_neural import __version__
+from warp_neural.errors import InputError
+from warp_neural.export import cpp
+from warp_neural.export.program import Program, make_program
+from warp_neural.export.shaders import GROUP, SHADERS
+from warp_neural.io.files import atomic_path
+from warp_neural.kernels.nn.spec import FORMATS
+from warp_neural.nn.mlp import MLP
+from warp_neural.nn.network_file import read_state
+from warp_neural.nn.state import NetworkState
+
+TARGETS = ("cpp", *SHADERS)
+ROWS = 256  # to compare with
+DIGITS = {"float32": "within 1e-5 of the largest", "float16": "within what rounding to float16 makes of that, 1e-3"}
+
+README = """# {name}
+
+{about}.
+{n_in} inputs, {n_out} results, {precision}.
+
+{use}
+
+`inputs.bin` [{rows}, {n_in}] and `outputs.bin` [{rows}, {n_out}], float32, little-endian, are rows to compare with:
+{compared}.
+"""
+USE_CPP = """`{name}.hpp` is all that a program needs: C++17, no dependencies.
+
+```cpp
+#include "{name}.hpp"
+float x[{name}::inputs] = {{}}, y[{name}::outputs];
+{name}::evaluate(x, y);
+```
+
+    cmake -B build && cmake --build build && ctest --test-dir build
+
+builds and runs `main.cpp`; so does `g++ -std=c++17 -O3 -march=native -ffp-contract=off main.cpp && ./a.out`."""
+USE_SHADER = """`{name}.{suffix}` has a function `evaluate` of one sample, to copy into your shaders, and a compute
+entry, `{entry}`, a thread a row in groups of {group}. Buffers: 0 weights (`weights.bin`, float32), 1 inputs, 2
+results{count}.
+
+{compile}"""
+COMPILE = {
+    "glsl": "`glslangValidator -V {name}.comp -o {name}.spv` makes SPIR-V for Vulkan; bindings are of set 0.",
+    "hlsl": "`dxc -T cs_6_0 -E main {name}.hlsl -Fo {name}.dxil`; registers are t0, t1 and u2.",
+    "slang": "`slangc {name}.slang -target spirv -entry main -stage compute -o {name}.spv`; bindings are of set 0.",
+    "wgsl": "WebGPU takes the text as it is; bindings are of group 0.",
+    "msl": "`xcrun metal {name}.metal -o {name}.metallib`; buffer 3 is the number of rows, a uint.",
+}
+
+
+def export(
+    source: Path | str | MLP | NetworkState,
+    target: str,
+    directory: Path | str,
+    *,
+    precision: str | None = None,
+    name: str | None = None,
+    force: bool = False,
+) -> dict[str, Any]:
+    """Write a network, or the file of one, for a program without Python; returns the files with their bytes, and the
+    hash of the network, which they name too.
+
+    target: one of `TARGETS`. precision: float32, or float16 for weights and vectors between layers, with sums in
+    float32; that of the network if None. name: of files, and in C++ of the namespace; that of the source's file if
+    None. force: replace what is there.
+
+    Raises `InputError` for what the target cannot express, with what it can, and for files that are there.
+    """
+    if target not in TARGETS:
+        raise InputError(f"target {target!r}: give one of {', '.join(TARGETS)}")
+    state = source if isinstance(source, NetworkState) else source.state if isinstance(source, MLP) else None
+    name = identifier(name or ("network" if state else Path(source).stem))
+    state = state or read_state(source)
+    try:
+        program = make_program(state, precision, by_inputs=target == "cpp")
+    except InputError as error:
+        raise InputError(f"{'network' if isinstance(source, MLP | NetworkState) else source}: {error}") from None
+    files = _files(program, target, name)
+    directory = Path(directory)
+    there = [directory / file for file in files if (directory / file).exists()]
+    if there and not force:
+        raise InputError(f"{there[0]}: is there already; give --force to replace it, or another folder")
+    for file, data in files.items():
+        with atomic_path(directory / file) as temporary:
+            temporary.write_bytes(data)
+    sizes = {str(directory / file): len(data) for file, data in files.items()}
+    return {"target": target, "precision": program.precision, "hash": program.digest, "files": sizes}
+
+
+def identifier(name: str) -> str:
+    """A name that all languages take."""
+    name = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return name if re.match(r"[A-Za-z]", name) else f"network_{name}"
+
+
+def _files(program: Program, target: str, name: str) -> Mapping[str, bytes]:
+    spec = program.state.spec
+    layers = "-".join(map(str, spec.sizes))
+    encoding = f"{type(program.state.encoding).__name__}, " if program.state.encoding else ""
+    about = f"Network {program.digest} ({encoding}{layers}, {spec.activation.name}) by Warp Neural {__version__}"
+    inputs, outputs = rows_of(program)
+    files = {"inputs.bin": inputs.astype("<f4").tobytes(), "outputs.bin": outputs.astype("<f4").tobytes()}
+    if target == "cpp":
+        texts = {f"{name}.hpp": cpp.header(program, name, about)}
+        for file in ("main.cpp", "CMakeLists.txt"):
+            texts[file] = (cpp.TEXT / file).read_text().replace("NAME", name)
+        texts["CMakeLists.txt"] = texts["CMakeLists.txt"].replace(f"add_test({name} compare", "add_test(NAME compare")
+        use, compared = USE_CPP.format(name=name), "results equal these bit for bit"
+    else:
+        shader = SHADERS[target]()
+        files["weights.bin"] = program.weights.astype("<f4").tobytes()
+        texts = {f"{name}.{shader.suffix}": shader.source(program, about)}
+        use, compared = use_of(target, name), f"results are {DIGITS[program.precision]}"
+    texts["README.md"] = README.format(
+        name=name,
+        about=about,
+        n_in=program.n_in,
+        n_out=program.n_out,
+        precision=program.precision,
+        use=use,
+        rows=ROWS,
+        compared=compared,
+    )
+    return files | {file: text.encode() for file, text in texts.items()}
+
+
+def use_of(target: str, name: str) -> str:
+    """The part of the README about a shader."""
+    entry, count = ("rows", ", 3 their number") if target == "msl" else ("main", ", as many as they hold")
+    how = COMPILE[target].format(name=name)
+    return USE_SHADER.format(
+        name=name, suffix=SHADERS[target].suffix, entry=entry, group=GROUP, count=count, compile=how
+    )
+
+
+def rows_of(program: Program) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs from -1 to 1, directions among them of length 1, and what Python makes of them on the CPU."""
+    random = np.random.default_rng(0)
+    inputs = random.uniform(-1, 1, (ROWS, program.n_in)).astype(np.float32)
+    if program.n_in == 3:
+        inputs /= np.linalg.norm(inputs, axis=1, keepdims=True)
+    spec = replace(program.state.spec, format=FORMATS[program.precision], accumulation="float32")
+    net = MLP.from_state(replace(program.state, spec=spec, implementation="cooperative", steps=None), device="cpu")
+    given = inputs.astype(np.float16) if spec.dtype.__name__ == "float16" else inputs
+    return given.astype(np.float32), net.evaluate(given).numpy().astype(np.float32)
