@@ -1,0 +1,1 @@
+"""A network that was trained in Python, in programs without it."""

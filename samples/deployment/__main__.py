@@ -1,0 +1,133 @@
+"""A picture's network, trained here, exported to C++ and to shaders, built and run: the same picture from each.
+
+    python -m samples.deployment [--targets cpp,wgsl] [--image FILE]
+
+Leaves a folder for each target, which builds without Python, and deployment.png: Python's picture, each target's, what
+ran it, how long 65,536 pixels took and the largest difference from Python. What this machine cannot build or run is
+exported all the same, and the table says what is missing: g++; wgpu with a driver (pip install wgpu); glslangValidator;
+slangc, which pip's slangtorch carries. Times are of a second run, with copies; a software driver takes its time.
+"""
+
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from warp_neural import cli
+from warp_neural.errors import InputError
+from warp_neural.export import TARGETS, export
+from warp_neural.nn.mlp import MLP
+from warp_neural.samples.deployment import webgpu
+from warp_neural.samples.figures import save_figure, show
+from warp_neural.samples.network import step_04_frequency_encoding
+from warp_neural.samples.network.step_01_basic_network import train
+from warp_neural.samples.network.target import Config as NetworkConfig
+from warp_neural.samples.network.target import load_target, psnr, srgb_codes
+
+NAME = "picture"
+CPP = "-std=c++17", "-O3", "-march=native", "-ffp-contract=off"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(NetworkConfig):
+    out: Path = Path("out/deployment")
+    """folder for the exported folders and the picture"""
+    targets: str = ",".join(TARGETS)
+    """which to export"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """Results [rows, 3] where it ran; how, or what is missing."""
+
+    how: str
+    results: np.ndarray | None = None
+    seconds: float = 0.0
+
+
+def run_cpp(folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
+    """The program of the folder, on rows of its own in a folder beside."""
+    if not shutil.which("g++"):
+        return Run("not run: no g++")
+    program, rows = folder / "build" / NAME, folder / "rows"
+    for path in (program.parent, rows):
+        path.mkdir(exist_ok=True)
+    subprocess.run(["g++", *CPP, str(folder / "main.cpp"), "-o", str(program)], check=True)
+    inputs.tofile(rows / "inputs.bin")
+    expected.tofile(rows / "outputs.bin")
+    began = time.perf_counter()
+    subprocess.run([str(program), str(rows), str(rows / "results.bin")], stdout=subprocess.DEVNULL)
+    seconds = time.perf_counter() - began
+    return Run("g++", np.fromfile(rows / "results.bin", np.float32).reshape(expected.shape), seconds)
+
+
+def run_shader(language: str, folder: Path, inputs: np.ndarray, n_out: int) -> Run:
+    if lacking := webgpu.missing(language):
+        return Run(f"not run: no {lacking}")
+    (source,) = (path for path in folder.glob(f"{NAME}.*"))
+    build = folder / "build"
+    build.mkdir(exist_ok=True)
+    weights = np.fromfile(folder / "weights.bin", np.float32)
+    found = webgpu.evaluate(webgpu.compiled(language, source, build), weights, inputs, n_out)
+    return Run(f"wgpu, {webgpu.device().adapter.info['device']}", *found)
+
+
+def run_target(target: str, folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
+    if target == "cpp":
+        return run_cpp(folder, inputs, expected)
+    if target in webgpu.LANGUAGES:
+        return run_shader(target, folder, inputs, expected.shape[1])
+    return Run("not run: no compiler here")
+
+
+def runs(net: MLP, config: Config, targets: list[str], size: tuple[int, int]) -> Iterator[tuple[str, int, float, Run]]:
+    """Of each target: bytes of the folder, the largest difference, the run."""
+    height, width = size
+    v, u = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width, indexing="ij")
+    inputs = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float32)
+    expected = net.to("cpu").evaluate(inputs).numpy()
+    yield "python", 0, 0.0, Run("Warp, cpu", expected)
+    for target in targets:
+        folder = config.out / target
+        made = export(net, target, folder, name=NAME, force=True)
+        run = run_target(target, folder, inputs, expected)
+        difference = float(np.abs(run.results - expected).max()) if run.results is not None else 0.0
+        yield target, sum(made["files"].values()), difference, run
+
+
+def main(config: Config) -> dict:
+    targets = [name.strip() for name in config.targets.split(",")]
+    for name in targets:
+        if name not in TARGETS:
+            raise InputError(f"--targets {name}: give some of {', '.join(TARGETS)}")
+    picture = load_target(config)
+    net, seconds = train(config, "deployment", step_04_frequency_encoding.make_network, picture)
+    metrics, shown = {"seconds_of_training": seconds}, {}
+    for target, size, difference, run in runs(net, config, targets, picture.shape[:2]):
+        metrics |= {f"how_{target}": run.how, f"bytes_{target}": size}
+        if run.results is not None:
+            shown[target] = run.results.reshape(picture.shape)
+            metrics |= {f"difference_{target}": difference, f"milliseconds_{target}": 1e3 * run.seconds}
+    metrics["psnr_python"] = psnr(shown["python"], picture)
+    save_sheet(config.out / "deployment.png", shown, metrics)
+    return metrics
+
+
+def save_sheet(path: Path, shown: dict[str, np.ndarray], metrics: dict) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.2 * len(shown), 3.9), layout="constrained")
+    for axis, (target, linear) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown.items(), strict=True):
+        about = f"{metrics[f'bytes_{target}'] / 1e3:.0f} kB, {metrics[f'milliseconds_{target}']:.0f} ms, "
+        about += f"off by {metrics[f'difference_{target}']:.1g}"
+        title = f"{target}\n{metrics[f'how_{target}']}\n{about if target != 'python' else ''}"
+        show(axis, srgb_codes(linear) / 255, title)
+    save_figure(path, figure)
+
+
+if __name__ == "__main__":
+    cli.run(main, Config)

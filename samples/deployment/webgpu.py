@@ -1,0 +1,85 @@
+"""Exported shaders through wgpu, on whatever driver there is; other languages than WGSL through their compilers."""
+
+import os
+import shutil
+import subprocess
+import time
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+GROUP = 64
+LANGUAGES = "wgsl", "glsl", "hlsl", "slang"
+
+
+@cache
+def device():
+    """Of wgpu, or None."""
+    if not find_spec("wgpu"):
+        return None
+    import wgpu
+
+    try:
+        return wgpu.gpu.request_adapter_sync().request_device_sync()
+    except RuntimeError:
+        return None
+
+
+@cache
+def slangc() -> Path | None:
+    """The compiler in slangtorch's package, which is not imported: that would need PyTorch."""
+    spec = find_spec("slangtorch")
+    return Path(spec.origin).parent / "bin" / "slangc" if spec else None
+
+
+def missing(language: str) -> str | None:
+    """What it takes to run a language's shaders and is not there."""
+    if device() is None:
+        return "wgpu with a driver"
+    if language in ("glsl", "hlsl") and not shutil.which("glslangValidator"):
+        return "glslangValidator"
+    return "slangc (slangtorch)" if language == "slang" and not slangc() else None
+
+
+def compiled(language: str, source: Path, folder: Path) -> str | bytes:
+    """As WebGPU takes it. Slang by WGSL: slangtorch's compiler lacks an optimizer of SPIR-V, on which drivers hang.
+
+    Raises RuntimeError with what a compiler says."""
+    if language == "wgsl":
+        return source.read_text()
+    result, environment = folder / f"{source.stem}.{language}.result", dict(os.environ)
+    options = ["-D", "-S", "comp", "-e", "main"] if language == "hlsl" else []
+    command = ["glslangValidator", "-V", str(source), *options]
+    if language == "slang":
+        slangc().chmod(0o755)  # pip forgets it
+        environment["LD_LIBRARY_PATH"] = str(slangc().parent)
+        command = [str(slangc()), str(source), "-target", "wgsl", "-entry", "main", "-stage", "compute"]
+    done = subprocess.run([*command, "-o", str(result)], capture_output=True, text=True, env=environment)
+    if done.returncode:
+        raise RuntimeError(f"{source}: {done.stdout}{done.stderr}")
+    return result.read_text() if language == "slang" else result.read_bytes()
+
+
+def evaluate(code: str | bytes, weights: np.ndarray, inputs: np.ndarray, n_out: int) -> tuple[np.ndarray, float]:
+    """Results [rows, n_out] of inputs [rows, n_in], float32, and the seconds of a second run, copies included."""
+    import wgpu
+
+    usage, size = wgpu.BufferUsage, 4 * len(inputs) * n_out
+    buffers = [device().create_buffer_with_data(data=data, usage=usage.STORAGE) for data in (weights, inputs)]
+    buffers.append(device().create_buffer(size=size, usage=usage.STORAGE | usage.COPY_SRC))
+    kernel = {"module": device().create_shader_module(code=code), "entry_point": "main"}
+    pipeline = device().create_compute_pipeline(layout="auto", compute=kernel)
+    entries = [{"binding": i, "resource": {"buffer": b, "offset": 0, "size": b.size}} for i, b in enumerate(buffers)]
+    group = device().create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries)
+    for _ in range(2):
+        began, encoder = time.perf_counter(), device().create_command_encoder()
+        commands = encoder.begin_compute_pass()
+        commands.set_pipeline(pipeline)
+        commands.set_bind_group(0, group)
+        commands.dispatch_workgroups(-(-len(inputs) // GROUP))
+        commands.end()
+        device().queue.submit([encoder.finish()])
+        results = np.frombuffer(device().queue.read_buffer(buffers[-1]), np.float32)
+    return results.reshape(len(inputs), n_out), time.perf_counter() - began
