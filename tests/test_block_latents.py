@@ -12,7 +12,7 @@ from warp_neural.kernels.texture.spec import BlockSpec
 from warp_neural.texture.block_trainer import BlockTrainer
 from warp_neural.texture.state import Map
 
-SIZES = [(64, 32, 1, (1, 2)), (40, 72, 2, (1, 2, 4)), (24, 8, 5, (2, 1))]
+SIZES = [(64, 32, 1, (1, 2)), (48, 80, 2, (1, 2, 4)), (24, 8, 5, (2, 1))]
 STEPS = np.array([31, 63, 31] * 2 + [3] * 16)
 
 
@@ -109,7 +109,7 @@ def test_training_and_going_on(device):
 def test_bits_and_bad_sizes():
     assert BlockSpec(64, 64, 3, 1, (1, 1, 2, 2)).resident_bits == 10
     assert BlockSpec(64, 64, 3, 1, (2,) * 5).resident_bits == 5
-    with pytest.raises(InputError, match="multiples of 2; resize"):
+    with pytest.raises(InputError, match="multiples of 8; resize"):
         BlockSpec(63, 64, 3, 1, (2,))
     with pytest.raises(InputError, match="1, 2, 4 or 8"):
         BlockSpec(64, 64, 3, 1, (3,))

@@ -137,7 +137,8 @@ class BlockSpec(TextureSize):
     """A texture whose latents are themselves textures, with mip levels, of BC1 blocks: three channels in 4 bits, read
     by the bilinear filter of GPUs at the texel's place; no kernels.
 
-    scales: texels of a latent, each way, of each latent texture; the sides of mip 0 are multiples of these.
+    scales: texels of a latent, each way, of each latent texture. The sides of mip 0 are multiples of four times these:
+    graphics interfaces want whole blocks there.
     """
 
     scales: tuple[int, ...]
@@ -147,8 +148,9 @@ class BlockSpec(TextureSize):
         require(0 < len(self.scales) <= 12, "scales", self.scales, "1 to 12 latent textures")
         for scale in self.scales:
             require(scale in (1, 2, 4, 8), "scale", scale, "1, 2, 4 or 8")
-            whole = self.height % scale == self.width % scale == 0
-            require(whole, "size", (self.height, self.width), f"sides that are multiples of {scale}; resize the maps")
+            side = 4 * scale
+            whole = self.height % side == self.width % side == 0
+            require(whole, "size", (self.height, self.width), f"sides that are multiples of {side}; resize the maps")
         super().__post_init__()
 
     @property

@@ -4,14 +4,18 @@ import os
 import shutil
 import subprocess
 import time
+from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
+from warp_neural.imaging.block_texture import BlockTexture
+
 GROUP = 64
 LANGUAGES = "wgsl", "glsl", "hlsl", "slang"
+BLOCKS = "texture-compression-bc"
 
 
 @cache
@@ -22,7 +26,8 @@ def device():
     import wgpu
 
     try:
-        return wgpu.gpu.request_adapter_sync().request_device_sync()
+        adapter = wgpu.gpu.request_adapter_sync()
+        return adapter.request_device_sync(required_features=list({BLOCKS} & adapter.features))
     except RuntimeError:
         return None
 
@@ -62,8 +67,12 @@ def compiled(language: str, source: Path, folder: Path) -> str | bytes:
     return result.read_text() if language == "slang" else result.read_bytes()
 
 
-def evaluate(code: str | bytes, weights: np.ndarray, inputs: np.ndarray, n_out: int) -> tuple[np.ndarray, float]:
-    """Results [rows, n_out] of inputs [rows, n_in], float32, and the seconds of a second run, copies included."""
+def evaluate(
+    code: str | bytes, weights: np.ndarray, inputs: np.ndarray, n_out: int, textures: Sequence[BlockTexture] = ()
+) -> tuple[np.ndarray, float]:
+    """Results [rows, n_out] of inputs [rows, n_in], float32, and the seconds of a second run, copies included.
+
+    textures: latent textures of a neural texture, BC1."""
     import wgpu
 
     usage, size = wgpu.BufferUsage, 4 * len(inputs) * n_out
@@ -73,13 +82,40 @@ def evaluate(code: str | bytes, weights: np.ndarray, inputs: np.ndarray, n_out: 
     pipeline = device().create_compute_pipeline(layout="auto", compute=kernel)
     entries = [{"binding": i, "resource": {"buffer": b, "offset": 0, "size": b.size}} for i, b in enumerate(buffers)]
     group = device().create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries)
+    if textures:
+        latents = bound(textures, pipeline.get_bind_group_layout(1))
     for _ in range(2):
         began, encoder = time.perf_counter(), device().create_command_encoder()
         commands = encoder.begin_compute_pass()
         commands.set_pipeline(pipeline)
         commands.set_bind_group(0, group)
+        if textures:
+            commands.set_bind_group(1, latents)
         commands.dispatch_workgroups(-(-len(inputs) // GROUP))
         commands.end()
         device().queue.submit([encoder.finish()])
         results = np.frombuffer(device().queue.read_buffer(buffers[-1]), np.float32)
     return results.reshape(len(inputs), n_out), time.perf_counter() - began
+
+
+def bound(textures: Sequence[BlockTexture], layout):
+    """A group of a sampler, linear and repeating, and of textures."""
+    import wgpu
+
+    linear = dict.fromkeys(("mag_filter", "min_filter", "mipmap_filter"), "linear")
+    repeat = dict.fromkeys(("address_mode_u", "address_mode_v"), "repeat")
+    resources = [device().create_sampler(**linear, **repeat)]
+    usage = wgpu.TextureUsage.TEXTURE_BINDING | wgpu.TextureUsage.COPY_DST
+    for each in textures:
+        size = each.width, each.height, 1
+        texture = device().create_texture(
+            size=size, format="bc1-rgba-unorm", usage=usage, mip_level_count=len(each.levels)
+        )
+        for mip, level in enumerate(each.levels):
+            rows, columns = (-(-side // 4) for side in each.size(mip))
+            layout_of_data = {"bytes_per_row": 8 * columns, "rows_per_image": rows}
+            place = {"texture": texture, "mip_level": mip}
+            device().queue.write_texture(place, level, layout_of_data, (4 * columns, 4 * rows, 1))
+        resources.append(texture.create_view())
+    entries = [{"binding": i, "resource": resource} for i, resource in enumerate(resources)]
+    return device().create_bind_group(layout=layout, entries=entries)

@@ -13,11 +13,15 @@ from warp_neural.errors import InputError
 from warp_neural.export import cpp
 from warp_neural.export.program import Program, make_program
 from warp_neural.export.shaders import GROUP, SHADERS
+from warp_neural.export.textures import check_target, texture_rows, texture_source, texture_use
+from warp_neural.imaging.dds import dds_bytes
 from warp_neural.io.files import atomic_path
 from warp_neural.kernels.nn.spec import FORMATS
 from warp_neural.nn.mlp import MLP
 from warp_neural.nn.network_file import read_state
 from warp_neural.nn.state import NetworkState
+from warp_neural.texture.block_state import BlockState
+from warp_neural.texture.engine_file import engine_state, latent_texture
 
 TARGETS = ("cpp", *SHADERS)
 ROWS = 256  # to compare with
@@ -81,11 +85,13 @@ def export(
     state = source if isinstance(source, NetworkState) else source.state if isinstance(source, MLP) else None
     name = identifier(name or ("network" if state else Path(source).stem))
     state = state or read_state(source)
+    named = isinstance(source, Path | str)
+    texture = engine_state(Path(source), state) if named and "texture" in state.extra else None
     try:
         program = make_program(state, precision, by_inputs=target == "cpp")
+        files = _files(program, target, name, texture)
     except InputError as error:
-        raise InputError(f"{'network' if isinstance(source, MLP | NetworkState) else source}: {error}") from None
-    files = _files(program, target, name)
+        raise InputError(f"{source if named else 'network'}: {error}") from None
     directory = Path(directory)
     there = [directory / file for file in files if (directory / file).exists()]
     if there and not force:
@@ -103,14 +109,22 @@ def identifier(name: str) -> str:
     return name if re.match(r"[A-Za-z]", name) else f"network_{name}"
 
 
-def _files(program: Program, target: str, name: str) -> Mapping[str, bytes]:
+def _files(program: Program, target: str, name: str, texture: BlockState | None) -> Mapping[str, bytes]:
     spec = program.state.spec
     layers = "-".join(map(str, spec.sizes))
     encoding = f"{type(program.state.encoding).__name__}, " if program.state.encoding else ""
     about = f"Network {program.digest} ({encoding}{layers}, {spec.activation.name}) by Warp Neural {__version__}"
-    inputs, outputs = rows_of(program)
+    inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(program)
     files = {"inputs.bin": inputs.astype("<f4").tobytes(), "outputs.bin": outputs.astype("<f4").tobytes()}
-    if target == "cpp":
+    if texture:
+        check_target(target)
+        shader, latents = SHADERS[target](), [f"{name}_latent_{g}.dds" for g in range(len(texture.spec.scales))]
+        files |= {file: dds_bytes(latent_texture(texture, g)) for g, file in enumerate(latents)}
+        files["weights.bin"] = program.weights.astype("<f4").tobytes()
+        texts = {f"{name}.{shader.suffix}": texture_source(target, shader, program, texture, about)}
+        use = f"{texture_use(texture, latents)}\n{use_of(target, name)}"
+        compared = "results are within 2/255, as GPUs filter in fewer bits"
+    elif target == "cpp":
         texts = {f"{name}.hpp": cpp.header(program, name, about)}
         for file in ("main.cpp", "CMakeLists.txt"):
             texts[file] = (cpp.TEXT / file).read_text().replace("NAME", name)
@@ -124,7 +138,7 @@ def _files(program: Program, target: str, name: str) -> Mapping[str, bytes]:
     texts["README.md"] = README.format(
         name=name,
         about=about,
-        n_in=program.n_in,
+        n_in=inputs.shape[1],
         n_out=program.n_out,
         precision=program.precision,
         use=use,

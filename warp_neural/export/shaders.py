@@ -24,13 +24,16 @@ class Shader(Language):
     evaluate: str
     entry: str
 
-    def source(self, program: Program, about: str) -> str:
-        names = {"n_in": program.n_in, "n_out": program.n_out, "group": GROUP}
-        body = self.lines(program.body)
+    def source(self, program: Program, about: str, around: str = "", call: tuple[str, str] = ("", "")) -> str:
+        """around: a function around `evaluate` of three inputs, which the entry calls; call: how it calls that in place
+        of `evaluate`."""
+        body, entry = self.lines(program.body), self.entry.replace(*call) if around else self.entry
         functions = "".join(self.function(each) for each in library.ALL if f"{each.name}(" in body)
-        parts = [self.buffers, self.natives, functions, self.evaluate, self.entry]
-        text = "\n".join([self.first + f"// {about}", BINDINGS, *(part.strip("\n") for part in parts if part)])
-        for name, value in names.items():
+        entry = entry.replace("{n_in}", str(3 if around else program.n_in))
+        bindings = BINDINGS.replace("{n_in}", "3: u, v, level of detail") if around else BINDINGS
+        parts = [bindings, self.buffers, self.natives, functions, self.evaluate, around, entry]
+        text = "\n".join([self.first + f"// {about}", *(part.strip("\n") for part in parts if part)])
+        for name, value in {"n_in": program.n_in, "n_out": program.n_out, "group": GROUP}.items():
             text = text.replace(f"{{{name}}}", str(value))
         return f"{text.replace('BODY', body.rstrip())}\n"
 

@@ -34,6 +34,12 @@ def save_dds(
 
 def write_dds(path: Path | str, texture: BlockTexture) -> None:
     """Blocks as they are. Raises `InputError` if not writable."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(dds_bytes(texture))
+
+
+def dds_bytes(texture: BlockTexture) -> bytes:
+    """The content of its file."""
     halves = FORMATS[texture.format].side == 1
     size = len(texture.levels[0]) // (texture.height if halves else 1)
     flags = _CAPS | _MIP_COUNT | (_PITCH if halves else _LINEAR_SIZE)
@@ -42,8 +48,7 @@ def write_dds(path: Path | str, texture: BlockTexture) -> None:
     header = struct.pack(_HEADER, MAGIC, 124, flags, *sizes, 32, 4, b"DX10", caps, 0)
     dxgi = _DXGI[texture.format] + texture.srgb
     header += struct.pack(_DX10, dxgi, 3, 0, 1, _OPAQUE if texture.opaque else _STRAIGHT)  # one, of two dimensions
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(header + b"".join(texture.levels))
+    return header + b"".join(texture.levels)
 
 
 def parse_dds(data: bytes) -> BlockTexture:
