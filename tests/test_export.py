@@ -14,6 +14,7 @@ import warp_neural as wn
 from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, export
 from warp_neural.export.cpp import header
+from warp_neural.export.folder import identifier
 from warp_neural.export.program import make_program
 from warp_neural.export.shaders import SHADERS
 from warp_neural.export.statements import without_ternaries
@@ -136,6 +137,15 @@ def test_what_cannot_be_exported_is_refused(tmp_path):
     refuses("activation 'own' calls atan, which is not exported", wn.MLP(2, 2, 8, 1, activation=own, device="cpu"))
     (tmp_path / "a.safetensors").write_bytes(b"no network")
     refuses(r"a\.safetensors: not a whole safetensors file", tmp_path / "a.safetensors")
+
+
+def test_names_that_languages_take():
+    assert [identifier(name) for name in ("a-b c", "2x", "float", "net")] == [
+        "a_b_c",
+        "network_2x",
+        "network_float",
+        "net",
+    ]
 
 
 def test_another_precision_than_the_networks():

@@ -25,6 +25,14 @@ from warp_neural.texture.engine_file import engine_state, latent_texture
 
 TARGETS = ("cpp", *SHADERS)
 ROWS = 256  # to compare with
+RESERVED = set(
+    "alignas alignof and asm auto bitand bitor bool break case catch char class compl const constexpr continue default "
+    "delete do double else enum explicit export extern false float for friend goto if inline int long main mutable "
+    "namespace new noexcept not nullptr operator or private protected public register return short signed sizeof "
+    "static std struct switch template this throw true try typedef typeid typename union unsigned using virtual void "
+    "volatile while xor".split()
+)
+"""of C++, for namespaces"""
 DIGITS = {"float32": "within 1e-5 of the largest", "float16": "within what rounding to float16 makes of that, 1e-3"}
 
 README = """# {name}
@@ -106,46 +114,48 @@ def export(
 def identifier(name: str) -> str:
     """A name that all languages take."""
     name = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return name if re.match(r"[A-Za-z]", name) else f"network_{name}"
+    return name if re.match(r"[A-Za-z]", name) and name not in RESERVED else f"network_{name}"
 
 
 def _files(program: Program, target: str, name: str, texture: BlockState | None) -> Mapping[str, bytes]:
-    spec = program.state.spec
+    spec, encoding = program.state.spec, program.state.encoding
     layers = "-".join(map(str, spec.sizes))
-    encoding = f"{type(program.state.encoding).__name__}, " if program.state.encoding else ""
-    about = f"Network {program.digest} ({encoding}{layers}, {spec.activation.name}) by Warp Neural {__version__}"
-    inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(program)
-    files = {"inputs.bin": inputs.astype("<f4").tobytes(), "outputs.bin": outputs.astype("<f4").tobytes()}
+    kind = f"{type(encoding).__name__}, " if encoding else ""
+    about = f"Network {program.digest} ({kind}{layers}, {spec.activation.name}) by Warp Neural {__version__}"
     if texture:
         check_target(target)
-        shader, latents = SHADERS[target](), [f"{name}_latent_{g}.dds" for g in range(len(texture.spec.scales))]
-        files |= {file: dds_bytes(latent_texture(texture, g)) for g, file in enumerate(latents)}
-        files["weights.bin"] = program.weights.astype("<f4").tobytes()
-        texts = {f"{name}.{shader.suffix}": texture_source(target, shader, program, texture, about)}
-        use = f"{texture_use(texture, latents)}\n{use_of(target, name)}"
-        compared = "results are within 2/255, as GPUs filter in fewer bits"
-    elif target == "cpp":
-        texts = {f"{name}.hpp": cpp.header(program, name, about)}
-        for file in ("main.cpp", "CMakeLists.txt"):
-            texts[file] = (cpp.TEXT / file).read_text().replace("NAME", name)
-        texts["CMakeLists.txt"] = texts["CMakeLists.txt"].replace(f"add_test({name} compare", "add_test(NAME compare")
-        use, compared = USE_CPP.format(name=name), "results equal these bit for bit"
+    inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(program)
+    files = {"inputs.bin": inputs.astype("<f4").tobytes(), "outputs.bin": outputs.astype("<f4").tobytes()}
+    if target == "cpp":
+        texts, use, compared = _cpp(program, name, about)
     else:
-        shader = SHADERS[target]()
         files["weights.bin"] = program.weights.astype("<f4").tobytes()
-        texts = {f"{name}.{shader.suffix}": shader.source(program, about)}
-        use, compared = use_of(target, name), f"results are {DIGITS[program.precision]}"
-    texts["README.md"] = README.format(
-        name=name,
-        about=about,
-        n_in=inputs.shape[1],
-        n_out=program.n_out,
-        precision=program.precision,
-        use=use,
-        rows=ROWS,
-        compared=compared,
-    )
+        texts, use, compared = _shader(program, target, name, about)
+    if texture:
+        latents = [f"{name}_latent_{g}.dds" for g in range(len(texture.spec.scales))]
+        files |= {file: dds_bytes(latent_texture(texture, g)) for g, file in enumerate(latents)}
+        shader = SHADERS[target]()
+        texts = {f"{name}.{shader.suffix}": texture_source(target, shader, program, texture, about)}
+        use = f"{texture_use(texture, latents)}\n{use}"
+        compared = "results are within 2/255, as GPUs filter in fewer bits"
+    about = {"name": name, "about": about, "precision": program.precision, "rows": ROWS}
+    sizes = {"n_in": inputs.shape[1], "n_out": program.n_out}
+    texts["README.md"] = README.format(use=use, compared=compared, **about, **sizes)
     return files | {file: text.encode() for file, text in texts.items()}
+
+
+def _cpp(program: Program, name: str, about: str) -> tuple[dict[str, str], str, str]:
+    """Texts, and what the README says of their use and of the results."""
+    texts = {file: (cpp.TEXT / file).read_text().replace("NAME", name) for file in ("main.cpp", "CMakeLists.txt")}
+    texts["CMakeLists.txt"] = texts["CMakeLists.txt"].replace(f"add_test({name} compare", "add_test(NAME compare")
+    texts[f"{name}.hpp"] = cpp.header(program, name, about)
+    return texts, USE_CPP.format(name=name), "results equal these bit for bit"
+
+
+def _shader(program: Program, target: str, name: str, about: str) -> tuple[dict[str, str], str, str]:
+    shader = SHADERS[target]()
+    texts = {f"{name}.{shader.suffix}": shader.source(program, about)}
+    return texts, use_of(target, name), f"results are {DIGITS[program.precision]}"
 
 
 def use_of(target: str, name: str) -> str:
