@@ -37,25 +37,33 @@ OTHER_PICTURES = 1.0  # dB between a file's own PSNR and that against the materi
 
 
 @dataclass(frozen=True, kw_only=True)
-class CodecsConfig(Config):
+class MaterialConfig(Config):
     material: Path
     """folder with maps, as ambientCG and Poly Haven name them, or a picture"""
     files: tuple[Path, ...] = ()
-    """.wntc files of the material; none: they are made"""
+    """our files of the material; none: they are made"""
     made_on: str = "another machine"
     """where --files were made, for the record"""
-    bpp: Annotated[tuple[float, ...], Between(0, 64, above=True)] = ()
-    """bits a texel of files that are made; none: 1, 2, 4 and where RTXNTC was recorded"""
     crop: Annotated[int | None, Between(16, 8192)] = None
     """side of the square that is cut out of the middle; none: the whole material"""
+
+    def load(self) -> tuple[str, TextureSet]:
+        """Its name, with --crop, and its maps."""
+        texture_set = load_material(self.material, self.crop)
+        return texture_set.name + (f"_{self.crop}" if self.crop else ""), texture_set
+
+
+@dataclass(frozen=True, kw_only=True)
+class CodecsConfig(MaterialConfig):
+    bpp: Annotated[tuple[float, ...], Between(0, 64, above=True)] = ()
+    """bits a texel of files that are made; none: 1, 2, 4 and where RTXNTC was recorded"""
     sheets: Path = Path("out/texture_codecs")
     """folder for folders of pictures and of all figures"""
 
 
 def main(config: CodecsConfig) -> dict:
     check_installed()
-    texture_set = load_material(config.material, config.crop)
-    name = texture_set.name + (f"_{config.crop}" if config.crop else "")
+    name, texture_set = config.load()
     bench = Bench(f"texture_codecs_{name}", config)
     judge, folder = Judge(texture_set, bench.device), config.sheets / name
     coded = [*ours(config, texture_set, bench.device, folder), *all_coded(judge.maps)]

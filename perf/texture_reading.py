@@ -83,13 +83,15 @@ def add_frames(bench: Bench, config: Config, side: int, size: tuple[int, int]) -
     texture = random_texture(TextureSpec(side, side, 7, side.bit_length(), FIXED[RATE]), bench.device, config.seed)
     engine = random_engine(BlockSpec(side, side, 7, side.bit_length(), BLOCKS[5.0]), bench.device, config.seed)
     virtual = wn.texture.VirtualTexture(texture, budget=2**30)
-    ways = {"on sample": (texture, texture.make_sampler()), "on sample, exact": (texture, make_exact_fetch(texture))}
-    others = {"for engines": engine, "on load, codes": wn.texture.CodedMaps(texture)}
-    others |= {
+    others = {
+        "on sample, exact": texture,
+        "for engines": engine,
+        "on load, codes": wn.texture.CodedMaps(texture),
         "on load, BC7 BC5 BC4": wn.texture.BlockMaps(texture),
         "on load, BC1": wn.texture.BlockMaps(texture, bc1=True),
+        "on feedback, warm": virtual,
     }
-    others |= {"on feedback, warm": virtual}
+    ways = {"on sample": (texture, texture.make_sampler())}
     ways |= {name: (maps, make_exact_fetch(maps)) for name, maps in others.items()}
     camera, pictures = camera_at(0.0), {}
     for name, (maps, fetch) in progress(ways.items(), config, desc="frames"):
@@ -98,8 +100,7 @@ def add_frames(bench: Bench, config: Config, side: int, size: tuple[int, int]) -
             warm(virtual, lambda: renderer.render(camera))  # noqa: B023
         pictures[name] = to_8_bit(renderer.render(camera)[0], bench.device)
         bench.time(name, "frame", lambda: renderer.render(camera))  # noqa: B023
-        used = maps.bytes if maps is not virtual else of_used_tiles(virtual)
-        bench.add(name, "memory", used / 2**20, "MiB")
+        bench.add(name, "memory", (virtual.used_bytes if maps is virtual else maps.bytes) / 2**20, "MiB")
     difference = np.abs(pictures["on feedback, warm"] - pictures["on load, codes"]).max(axis=-1)
     if difference.max() > 1.01 / 255:  # float32 sums in another order
         raise RuntimeError(
@@ -113,12 +114,6 @@ def add_frames(bench: Bench, config: Config, side: int, size: tuple[int, int]) -
 def warm(virtual: wn.texture.VirtualTexture, render: Callable) -> None:
     while render() and virtual.update().misses:
         pass
-
-
-def of_used_tiles(virtual: wn.texture.VirtualTexture) -> int:
-    """Bytes of a cache of only those tiles that are in use, and of the tables."""
-    unused, slots = int((virtual.cache.page_of < 0).sum()), len(virtual.cache.page_of)
-    return virtual.bytes - unused * virtual.params.words.size * 4 // slots
 
 
 def add_whole(bench: Bench, config: Config, name: str, spec: TextureSpec) -> None:

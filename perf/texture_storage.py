@@ -1,7 +1,7 @@
 """A material resident in memory, by storage: `python -m perf.texture_storage --material FOLDER`.
 
 Textures of `compress` for sampling and for engines, beside block formats of all maps: the bits a texel that a GPU holds
-while it reads them (mip 0, networks apart, 17 kB of float16), those of the files after zstd, PSNR of all channels in 8
+while it reads them (mip 0, networks apart), those of the files after zstd, PSNR of all channels in 8
 bits, FLIP of each map and in the mean over them, and of a lit sphere. RTXNTC stands at its nominal bits of latents.
 
 `pip install -e '.[peers]'` brings the encoders of blocks and zstd.
@@ -9,14 +9,13 @@ bits, FLIP of each map and in the mean over them, and of a lit sphere. RTXNTC st
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 from perf import recorded
-from perf.measure import Bench, Config
-from perf.texture_codecs import check_same
+from perf.measure import Bench
+from perf.texture_codecs import MaterialConfig, check_same
 from perf.texture_peers import Coded, block_formats, check_installed
-from perf.texture_points import Judge, codes_of, load_material
-from warp_neural.cli import Between, progress, run
+from perf.texture_points import Judge, codes_of
+from warp_neural.cli import progress, run
 from warp_neural.texture import Texture, compress, load
 from warp_neural.texture.engine import EngineTexture
 from warp_neural.texture.maps import TextureSet
@@ -29,23 +28,14 @@ LEVEL = 19  # of zstd
 
 
 @dataclass(frozen=True, kw_only=True)
-class StorageConfig(Config):
-    material: Path
-    """folder with maps, as ambientCG and Poly Haven name them, or a picture"""
-    files: tuple[Path, ...] = ()
-    """.wntc and .safetensors of the material; none: they are made"""
-    made_on: str = "another machine"
-    """where --files were made, for the record"""
-    crop: Annotated[int | None, Between(16, 8192)] = None
-    """side of the square that is cut out of the middle; none: the whole material"""
+class StorageConfig(MaterialConfig):
     kept: Path = Path("out/texture_storage")
     """folder for folders of files that are made"""
 
 
 def main(config: StorageConfig) -> dict:
     check_installed("zstandard")
-    texture_set = load_material(config.material, config.crop)
-    name = texture_set.name + (f"_{config.crop}" if config.crop else "")
+    name, texture_set = config.load()
     bench = Bench(f"texture_storage_{name}", config)
     made_on = config.made_on if config.files else bench.device.name
     size = " x ".join(map(str, reversed(texture_set.size)))

@@ -1,6 +1,6 @@
 """Networks of every activation and encoding, several of each, and what Python makes of random inputs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -56,8 +56,8 @@ def cases(name: str, precision: str) -> list[Case]:
 def _case(net: MLP, rng: np.random.Generator) -> Case:
     net.weights = [0.4 * rng.standard_normal(w.shape) for w in net.weights]
     net.biases = [0.2 * rng.standard_normal(b.shape) for b in net.biases]
-    if net.state.encoding_parameters.size:
-        net.encoding_parameters = rng.uniform(-1, 1, net.state.encoding_parameters.size)
+    own = rng.uniform(-1, 1, net.state.encoding_parameters.shape)
+    net = MLP.from_state(replace(net.state, encoding_parameters=own), device="cpu")
     inputs = rng.uniform(-1.5, 2.5, (ROWS, net.n_in)).astype(np.float32)
     inputs[0] = 0
     return Case(net.state, inputs, net.evaluate(wp.array(inputs, device="cpu")).numpy())

@@ -2,8 +2,8 @@
 
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from command_line import refused, run
 from export_networks import CASES, ROWS, cases
 
 import warp_neural as wn
+from warp_neural.cli.export_command import Export
 from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, export
 from warp_neural.export.cpp import header
@@ -150,7 +151,7 @@ def test_names_that_languages_take():
 
 def test_another_precision_than_the_networks():
     """float32 leaves weights as they are, float16 rounds them."""
-    state = replace(cases("relu", "float16")[0].state)
+    state = cases("relu", "float16")[0].state
     weights = np.concatenate([w.ravel() for w in state.weights])
     exact, rounded = (make_program(state, precision).weights for precision in ("float32", "float16"))
     assert set(weights.tolist()) <= set(exact.tolist())
@@ -158,6 +159,7 @@ def test_another_precision_than_the_networks():
 
 
 def test_the_command(tmp_path, capfd):
+    assert get_args(get_type_hints(Export)["target"]) == TARGETS
     net = wn.MLP(2, 3, 8, 1, device="cpu")
     wn.save_network(tmp_path / "net.safetensors", net)
     said = run(capfd, "export", str(tmp_path / "net.safetensors"), "--target", "wgsl", "-o", str(tmp_path / "out"))

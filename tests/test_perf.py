@@ -74,7 +74,8 @@ def test_measurement(alone, module, tmp_path, capfd):
     figure = result.find(row, column)
     assert (figure.unit, metrics[f"{row} / {column}"]) == (unit, figure.value)
     assert figure.low <= figure.value <= figure.high
-    assert all(f.value > 0 or f.row in ("float16 under float32", "on feedback, warm") for f in result.figures)
+    zero = "float16 under float32", "pixels off by 1/255"  # rows, columns that may be
+    assert all(f.value > 0 or {f.row, f.column} & set(zero) for f in result.figures)
     assert result.machine["CPU"] == machine.cpu_name() and "Warp" in result.machine
     assert result.table() in captured.err  # with --json, all but the metrics goes there
     assert load_image(tmp_path / f"{name}.png").std() > 0.01

@@ -8,7 +8,7 @@ import warp as wp
 from warp_neural.kernels.texture.block_formats import bc1_texel
 from warp_neural.kernels.texture.block_latents import SPREAD
 from warp_neural.kernels.texture.levels import Levels, cyclic, place_of
-from warp_neural.kernels.texture.spec import BLOCK_CHANNELS, BlockSpec
+from warp_neural.kernels.texture.spec import BLOCK_CHANNELS, DETAIL_SCALE, BlockSpec
 from warp_neural.kernels.texture.texel import Ranges, make_store
 
 
@@ -123,7 +123,7 @@ def make_block_sample(spec: BlockSpec, network: wp.Function, ranges: Ranges, par
         x = latents(params, uv, mip)
         if wp.static(last > 0):
             x = wp.lerp(x, latents(params, uv, wp.min(mip + 1, last)), level - float(mip))
-            x[wp.static(detail)] = level / 8.0
+            x[wp.static(detail)] = level / float(DETAIL_SCALE)
         return store(network(params.network, x))
 
     return sample

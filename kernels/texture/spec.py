@@ -14,6 +14,7 @@ from warp_neural.kernels.errors import require, require_whole
 LARGEST_SIDE = 16384
 LARGEST_CHANNELS = 16
 BLOCK_CHANNELS = 3  # of a texture of BC1 blocks
+DETAIL_SCALE = 8  # the level of detail enters the network divided by this
 TAPS = 4  # latents of the cell, of the next to the right, of the next below, of the one right and below
 KERNELS = ("learned", "separable", "bilinear")
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from warp_neural.export.shaders import GROUP
 from warp_neural.imaging.block_texture import BlockTexture
 
-GROUP = 64
 LANGUAGES = "wgsl", "glsl", "hlsl", "slang"
 BLOCKS = "texture-compression-bc"
 

@@ -44,8 +44,7 @@ def needed(texture: Texture, config: FeedbackConfig) -> int:
     large = VirtualTexture(texture, budget=2**33, tile=config.tile)
     render_frames(renderer_of(large, config), config.frames, large.update)
     warm(large, config)
-    unused = int((large.cache.page_of < 0).sum())
-    return large.bytes - unused * large.params.words.size * 4 // len(large.cache.page_of)
+    return large.used_bytes
 
 
 def warm(virtual: VirtualTexture, config: FeedbackConfig) -> wp.array:

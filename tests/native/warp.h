@@ -19,7 +19,6 @@ using uint8 = unsigned char;
 }
 struct uint4 { unsigned x, y, z, w; };
 struct float2 { float x, y; };
-struct float4 { float x, y, z, w; };
 struct Index { unsigned x; };
 template <class T> struct Array { T* data; };
 struct Levels { Array<int> rows, columns; };

@@ -6,8 +6,6 @@ from typing import Annotated, Literal
 
 import tyro
 
-from warp_neural.export import TARGETS, export
-
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
@@ -18,7 +16,7 @@ class Export:
 
     source: tyro.conf.Positional[Path]
     """.safetensors of a network"""
-    target: Literal[TARGETS]
+    target: Literal["cpp", "glsl", "hlsl", "slang", "wgsl", "msl"]
     """cpp: a C++17 header for the CPU, with a CMake project; the others compute shaders"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """folder for the files"""
@@ -32,5 +30,7 @@ class Export:
     """print nothing but one JSON object, as the last line on stdout"""
 
     def main(self) -> dict:
+        from warp_neural.export import export  # reads much that the other commands do without
+
         options = {"precision": self.precision, "name": self.name, "force": self.force}
         return export(self.source, self.target, self.out, **options)

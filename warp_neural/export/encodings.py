@@ -2,6 +2,7 @@
 
 from functools import singledispatch
 
+from warp_neural.errors import InputError
 from warp_neural.export.statements import Block, For, Let, Set, Statement, Variable, number
 from warp_neural.kernels.nn.encodings import (
     Concatenate,
@@ -24,7 +25,7 @@ Values = tuple[str, ...]
 @singledispatch
 def encode(encoding: Encoding, x: Values, out: int, start: int) -> list[Statement]:
     """Results to `h0[out]` and on. start: of its parameters in `weights`."""
-    raise NotImplementedError(type(encoding).__name__)
+    raise InputError(f"encoding {type(encoding).__name__} is not exported; give one of wn.encodings")
 
 
 @encode.register

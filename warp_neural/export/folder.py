@@ -90,16 +90,18 @@ def export(
     """
     if target not in TARGETS:
         raise InputError(f"target {target!r}: give one of {', '.join(TARGETS)}")
-    state = source if isinstance(source, NetworkState) else source.state if isinstance(source, MLP) else None
-    name = identifier(name or ("network" if state else Path(source).stem))
-    state = state or read_state(source)
-    named = isinstance(source, Path | str)
-    texture = engine_state(Path(source), state) if named and "texture" in state.extra else None
+    texture, where = None, "network"
+    if isinstance(source, Path | str):
+        where, state = Path(source), read_state(source)
+        texture = engine_state(where, state) if "texture" in state.extra else None
+    else:
+        state = source.state if isinstance(source, MLP) else source
+    name = identifier(name or Path(where).stem)
     try:
         program = make_program(state, precision, by_inputs=target == "cpp")
         files = _files(program, target, name, texture)
     except InputError as error:
-        raise InputError(f"{source if named else 'network'}: {error}") from None
+        raise InputError(f"{where}: {error}") from None
     directory = Path(directory)
     there = [directory / file for file in files if (directory / file).exists()]
     if there and not force:

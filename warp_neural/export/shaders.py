@@ -21,7 +21,10 @@ class Shader(Language):
     first = ""
     natives: str
     buffers: str
-    evaluate: str
+    evaluate = """
+void evaluate(in float x[{n_in}], out float y[{n_out}]) {
+BODY
+}"""
     entry: str
 
     def source(self, program: Program, about: str, around: str = "", call: tuple[str, str] = ("", "")) -> str:
@@ -55,10 +58,6 @@ float multiply_add(float a, float b, float c) { return fma(a, b, c); }
 float nearest(float z) { return roundEven(z); }
 uint bits_of(float z) { return floatBitsToUint(z); }
 float float_of(uint bits) { return uintBitsToFloat(bits); }"""
-    evaluate = """
-void evaluate(in float x[{n_in}], out float y[{n_out}]) {
-BODY
-}"""
     entry = """
 void main() {
     uint row = gl_GlobalInvocationID.x;
@@ -84,10 +83,6 @@ float multiply_add(float a, float b, float c) { return mad(a, b, c); }
 float nearest(float z) { return round(z); }
 uint bits_of(float z) { return asuint(z); }
 float float_of(uint bits) { return asfloat(bits); }"""
-    evaluate = """
-void evaluate(in float x[{n_in}], out float y[{n_out}]) {
-BODY
-}"""
     entry = """
 [numthreads({group}, 1, 1)]
 void main(uint3 thread : SV_DispatchThreadID) {

@@ -13,6 +13,8 @@ from warp_neural.export.language import INDENT
 from warp_neural.export.program import Program
 from warp_neural.export.shaders import Shader
 from warp_neural.export.statements import Set, number
+from warp_neural.kernels.texture.block_latents import SPREAD
+from warp_neural.kernels.texture.spec import DETAIL_SCALE
 from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.engine import EngineTexture
 from warp_neural.texture.state import Map
@@ -34,7 +36,7 @@ class TextureText:
     call: tuple[str, str]
 
 
-_C = TextureText(
+_HLSL = TextureText(
     sampler="SamplerState filtering : register(s0, space1);",
     texture="Texture2D<float4> latent_{g} : register(t{binding}, space1);",
     fetch="float3 c{g} = latent_{g}.SampleLevel(filtering, uv, lod).rgb;",
@@ -44,21 +46,21 @@ _C = TextureText(
     call=("evaluate(x, y);", "sample_texture(float2(x[0], x[1]), x[2], y);"),
 )
 TEXTS = {
-    "hlsl": _C,
+    "hlsl": _HLSL,
     "slang": TextureText(
-        **vars(_C)
+        **vars(_HLSL)
         | {
             "sampler": "[[vk::binding(0, 1)]] SamplerState filtering;",
             "texture": "[[vk::binding({binding}, 1)]] Texture2D<float4> latent_{g};",
         }
     ),
     "glsl": TextureText(
-        **vars(_C)
+        **vars(_HLSL)
         | {
             "sampler": "layout(set = 1, binding = 0) uniform sampler filtering;",
             "texture": "layout(set = 1, binding = {binding}) uniform texture2D latent_{g};",
             "fetch": "vec3 c{g} = textureLod(sampler2D(latent_{g}, filtering), uv, lod).rgb;",
-            "head": _C.head.replace("float2", "vec2"),
+            "head": _HLSL.head.replace("float2", "vec2"),
             "call": ("evaluate(x, y);", "sample_texture(vec2(x[0], x[1]), x[2], y);"),
         }
     ),
@@ -86,8 +88,8 @@ def texture_source(language: str, shader: Shader, program: Program, state: Block
     declared = [text.sampler, *(text.texture.format(g=g, binding=g + 1) for g in latents)]
     lines = [text.head.format(n_in=program.n_in, n_out=program.n_out)]
     lines += [INDENT + text.fetch.format(g=g) for g in latents]
-    inputs = [Set(f"x[{3 * g + c}]", f"4.0f * (c{g}.{'rgb'[c]} - 0.5f)") for g in latents for c in range(3)]
-    inputs += [Set(f"x[{program.n_in - 1}]", "lod / 8.0f")] if spec.mips > 1 else []
+    inputs = [Set(f"x[{3 * g + c}]", f"{number(SPREAD)} * (c{g}.{'rgb'[c]} - 0.5f)") for g in latents for c in range(3)]
+    inputs += [Set(f"x[{program.n_in - 1}]", f"lod / {number(DETAIL_SCALE)}")] if spec.mips > 1 else []
     lines += [shader.lines(tuple(inputs)) + INDENT + text.evaluate]
     lines += [shader.lines(tuple(stored(state.maps))) + text.tail]
     return shader.source(program, about, around="\n".join([*declared, *lines]), call=text.call)

@@ -28,5 +28,5 @@ class BlockDecoder(Decoder):
     def texel(self) -> wp.Function:
         return make_block_texel(self.spec, self.net.func, self.Params)
 
-    def _way(self) -> tuple[Callable, tuple[type, ...]]:
+    def _for_pictures(self) -> tuple[Callable, tuple[type, ...]]:
         return self.decode_alone, (wp.float32,)

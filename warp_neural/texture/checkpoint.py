@@ -66,6 +66,5 @@ class Checkpoint:
             if tensor is None or tensor.shape != array.numpy().shape or tensor.dtype != array.numpy().dtype:
                 raise InputError(f"{self.path}: tensor {name!r} is missing or of another size; leave --resume out")
         trainer.restore(self.tensors)
-        if self.rate_weight:
-            trainer.rate_weight = self.rate_weight
+        trainer.rate_weight = self.rate_weight
         self.tensors = None

@@ -64,7 +64,7 @@ class Decoder:
     def decode_to(self, values: wp.array, mip: int = 0, rectangle: tuple[int, int, int, int] | None = None) -> None:
         """See `Texture.decode_to`."""
         rectangle = self._inside(mip, rectangle)
-        shape, (decode, dtypes) = (*rectangle[:1:-1], self.spec.channels), self._way()
+        shape, (decode, dtypes) = (*rectangle[:1:-1], self.spec.channels), self._for_pictures()
         here = values.shape == shape and values.device == self.device and values.is_contiguous
         if not here or values.dtype not in dtypes:
             names = ", ".join(dtype.__name__ for dtype in dtypes)
@@ -74,7 +74,7 @@ class Decoder:
             )
         decode(mip, rectangle, values)
 
-    def _way(self) -> tuple[Callable, tuple[type, ...]]:
+    def _for_pictures(self) -> tuple[Callable, tuple[type, ...]]:
         """How whole pictures are decoded, and to what."""
         if can_decode(self.spec, self.device):
             return self.tensor.decode, (wp.float32, wp.float16, wp.uint8)

@@ -23,7 +23,7 @@ from warp_neural.nn.network_file import read_state, write_state
 from warp_neural.nn.state import NetworkState
 from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.decoder import network_of
-from warp_neural.texture.header import from_maps, to_maps
+from warp_neural.texture.header import maps_of_json, maps_to_json
 from warp_neural.texture.save import File
 from warp_neural.texture.state import Tensor
 
@@ -44,7 +44,7 @@ def save_engine(path: Path | str, state: BlockState, file: File = "dds") -> dict
         latents.append({"file": beside.name, "crc32": crc32(beside.read_bytes())})
     spec = state.spec
     texture = {"height": spec.height, "width": spec.width, "mips": spec.mips, "scales": spec.scales}
-    texture |= {"maps": from_maps(state.maps), "latents": latents, "metrics": dict(state.extra)}
+    texture |= {"maps": maps_to_json(state.maps), "latents": latents, "metrics": dict(state.extra)}
     texture["steps"] = {name: state.tensors[name].step for name in spec.tensors}
     write_state(path, replace(network_of(state, "cpu").state, extra={"texture": texture}))
     sizes = [path.with_name(each["file"]).stat().st_size for each in latents]
@@ -74,7 +74,7 @@ def engine_state(path: Path, network: NetworkState) -> BlockState:
         numbers = (texture[name] for name in ("height", "width"))
         hidden, channels = tuple(network.spec.sizes[1:-1]), network.spec.sizes[-1]
         spec = BlockSpec(*numbers, channels, texture["mips"], tuple(texture["scales"]), hidden)
-        maps, steps, metrics = to_maps(texture["maps"]), texture["steps"], dict(texture["metrics"])
+        maps, steps, metrics = maps_of_json(texture["maps"]), texture["steps"], dict(texture["metrics"])
         latents = [(str(each["file"]), each["crc32"]) for each in texture["latents"]]
         pairs = zip(spec.tensors, _parameters(network), strict=True)
         tensors = {name: _tensor(values, steps[name]) for name, values in pairs}

@@ -31,7 +31,9 @@ def pack(header: Header) -> bytes:
         numbers += [grid.scale.bit_length() - 1, grid.channels, KERNELS.index(grid.kernel), grid.bits]
     numbers += [len(spec.hidden), *(width - 1 for width in spec.hidden)]
     try:
-        text = json.dumps([from_maps(header.maps), dict(header.extra)], separators=(",", ":"), allow_nan=False).encode()
+        text = json.dumps(
+            [maps_to_json(header.maps), dict(header.extra)], separators=(",", ":"), allow_nan=False
+        ).encode()
     except (TypeError, ValueError) as error:
         raise InputError(f"extra: cannot be written as JSON ({error}); use plain, finite values") from error
     if len(text) > MOST_TEXT:
@@ -63,20 +65,20 @@ def _text(reader: Reader) -> tuple[tuple[Map, ...], dict]:
         text = inflate.decompress(reader.rest(), MOST_TEXT)
         reader.require(inflate.eof and not inflate.unused_data, problem)
         maps, extra = json.loads(text)
-        maps = to_maps(maps)
+        maps = maps_of_json(maps)
     except (zlib.error, ValueError, TypeError, RecursionError):
         reader.require(False, problem)
     reader.require(isinstance(extra, dict), problem)
     return maps, extra
 
 
-def from_maps(maps: tuple[Map, ...]) -> list:
+def maps_to_json(maps: tuple[Map, ...]) -> list:
     """JSON."""
     return [[each.name, each.kind, each.low, each.high, each.file, each.bits] for each in maps]
 
 
-def to_maps(values: list) -> tuple[Map, ...]:
-    """Of JSON. Raises ValueError or TypeError for any other than that of `from_maps`."""
+def maps_of_json(values: list) -> tuple[Map, ...]:
+    """Of JSON. Raises ValueError or TypeError for any other than that of `maps_to_json`."""
     maps = tuple(Map(name, kind, tuple(low), tuple(high), *rest) for name, kind, low, high, *rest in values)
     if not all(map(_is_whole, maps)):
         raise ValueError("maps cannot be read")

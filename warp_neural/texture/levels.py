@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.kernels.texture.levels import TILE, Levels
-from warp_neural.kernels.texture.spec import BlockSpec, TextureSpec
+from warp_neural.kernels.texture.spec import DETAIL_SCALE, BlockSpec, TextureSpec
 
 COARSER = (
     1.4  # of the weight of bits in all levels but the finest: at 1 the finest is 0.05 to 0.2 dB lower at equal bits
@@ -28,7 +28,7 @@ def make_levels(spec: TextureSpec | BlockSpec, device: wp.Device) -> Levels:
     levels.sizes = wp.array(sizes, dtype=wp.vec2i, device=device)
     levels.padded = wp.array(padded_sizes(spec), dtype=wp.vec2i, device=device)
     levels.rate = wp.array(np.where(np.arange(spec.mips) > 0, COARSER, 1.0), dtype=float, device=device)
-    levels.detail = wp.array(np.arange(spec.mips) / 8, dtype=float, device=device)
+    levels.detail = wp.array(np.arange(spec.mips) / DETAIL_SCALE, dtype=float, device=device)
     return levels
 
 

@@ -33,7 +33,7 @@ BLOCKS = {2.5: (2, *[4] * 6), 5.0: (2,) * 5, 10.0: (1, *[2] * 6), 16.0: (1, 1, 1
 at 10 bits (1, 1, 2, 2) is 0.5 dB lower, (1, 2 five times, 4 four times) 0.3 dB higher; at 5 bits (2 four times, 4 four
 times) is 0.2 dB higher (PavingStones070; those of 2.5 and 16 bits were not compared)."""
 BLOCK_QUALITIES = {"low": 5.0, "medium": 10.0, "high": 16.0}
-BLOCK_RATE = 2.0
+BLOCK_RATE = 2.0  # of the optimizer, in steps of the blocks' integers; 1 is 0.02 to 0.16 dB worse (PavingStones070)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warp_neural.kernels.texture.spec import TextureSpec
+from warp_neural.kernels.texture.spec import DETAIL_SCALE, TextureSpec
 from warp_neural.kernels.texture.tensor_cores import (
     BLOCK,
     make_table_kernel,
@@ -77,5 +77,5 @@ def biases_of_mips(layout: TensorLayout, l: int, w: np.ndarray, b: np.ndarray) -
     values = np.zeros((layout.spec.mips, layout.sizes[l + 1]))
     values[:, : len(b)] = b
     if l == 0 and layout.spec.mips > 1:
-        values[:, : len(b)] += np.arange(layout.spec.mips)[:, None] / 8 * w[:, -1]  # as `make_levels` has it
+        values[:, : len(b)] += np.arange(layout.spec.mips)[:, None] / DETAIL_SCALE * w[:, -1]
     return values

@@ -82,6 +82,12 @@ class VirtualTexture:
         """Of tiles and tables on the device, at most the budget."""
         return bytes_of(self.params)
 
+    @property
+    def used_bytes(self) -> int:
+        """Of tables, and of the tiles that hold something."""
+        unused, slots = int((self.cache.page_of < 0).sum()), len(self.cache.page_of)
+        return self.bytes - unused * self.params.words.size * 4 // slots
+
     @cached_property
     def sample(self) -> wp.Function:
         return make_page_sample(self.tiles, self.texture.ranges)
