@@ -140,6 +140,22 @@ def test_what_cannot_be_exported_is_refused(tmp_path):
     refuses(r"a\.safetensors: not a whole safetensors file", tmp_path / "a.safetensors")
 
 
+def test_numbers_that_are_not_finite_are_refused(tmp_path):
+    net = wn.MLP(2, 2, 8, 1, device="cpu")
+    for value in (np.nan, np.inf):
+        net.biases = [b + value for b in net.biases]
+        with pytest.raises(InputError, match="network: the parameters hold NaN or infinite values"):
+            export(net, "cpp", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_folders_are_written_whole_or_not_at_all(tmp_path):
+    (tmp_path / "out" / "README.md").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"README\.md: a folder or device"):
+        export(wn.MLP(2, 2, 8, 1, device="cpu"), "glsl", tmp_path / "out", force=True)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["README.md"]
+
+
 def test_names_that_languages_take():
     assert [identifier(name) for name in ("a-b c", "2x", "float", "net")] == [
         "a_b_c",

@@ -10,6 +10,8 @@ from warp_neural.export import export
 from warp_neural.export.program import make_program
 from warp_neural.export.shaders import SHADERS
 from warp_neural.imaging.block_files import load_blocks
+from warp_neural.kernels.nn import activations
+from warp_neural.nn.mlp import MLP
 from warp_neural.samples.deployment import webgpu
 from warp_neural.texture.engine import EngineTexture
 
@@ -31,6 +33,23 @@ def test_shaders_give_what_python_gives(language, name, precision, tmp_path):
     found, _seconds = webgpu.evaluate(code, program.weights, case.inputs, program.n_out)
     limit = 1e-5 if precision == "float32" else 1e-3  # an exponential off by a bit rounds to the next float16
     np.testing.assert_allclose(found, case.outputs, atol=limit * np.abs(case.outputs).max())
+
+
+@pytest.mark.parametrize("language", ["wgsl", "glsl"])
+def test_float16_overflows_as_in_python(language, tmp_path):
+    """A hidden value beyond 65504 is infinite, a small one rounds to a subnormal number."""
+    if lacking := webgpu.missing(language):
+        pytest.skip(f"no {lacking}: .ci/tools says how to get it")
+    net = MLP(1, 1, 4, 1, activation=activations.linear, device="cpu")
+    net.weights = [np.full((4, 1), 1e4), np.full((1, 4), 1.0)]
+    net.biases = [np.zeros(4), np.zeros(1)]
+    inputs = np.array([[1e2], [6.54], [6.56], [-9.0], [3e-10], [0.0]], np.float32)
+    expected = net.evaluate(inputs).numpy()
+    assert np.isinf(expected).any() and not np.isinf(expected).all()
+    program, source = make_program(net.state), tmp_path / f"network.{SHADERS[language].suffix}"
+    source.write_text(SHADERS[language]().source(program, "a test"))
+    found, _seconds = webgpu.evaluate(webgpu.compiled(language, source, tmp_path), program.weights, inputs, 1)
+    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("language", ["wgsl", "glsl", "hlsl", "slang"])

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -106,9 +107,9 @@ def export(
     there = [directory / file for file in files if (directory / file).exists()]
     if there and not force:
         raise InputError(f"{there[0]}: is there already; give --force to replace it, or another folder")
-    for file, data in files.items():
-        with atomic_path(directory / file) as temporary:
-            temporary.write_bytes(data)
+    with ExitStack() as stack:  # no file appears before all are written
+        for file, data in files.items():
+            stack.enter_context(atomic_path(directory / file)).write_bytes(data)
     sizes = {str(directory / file): len(data) for file, data in files.items()}
     return {"target": target, "precision": program.precision, "hash": program.digest, "files": sizes}
 

@@ -25,18 +25,20 @@ erf = Function(
     ),
     f"pick(a < 1.0f, z * {polynomial('s', ERF)}, pick(z < 0.0f, -far, far))",
 )
-to_half = Function(  # beyond 65504 it stays there
+to_half = Function(  # 65520 and more are infinite, 0x7f800000
     "to_half",
     ("z",),
     (
         Let("bits", "uint", "bits_of(z)"),
         Let("sign", "uint", "bits & 0x80000000u"),
         Let("size", "uint", "bits ^ sign"),
-        Let("tiny", "float", "(float_of(size) + 0.5f) - 0.5f"),
+        Let("tiny", "float", "nearest(float_of(size) * 16777216.0f) * 5.9604645e-08f"),  # multiples of 2^-24
         Let("normal", "float", "float_of((size + 0xfffu + ((size >> 13u) & 1u)) & 0xffffe000u)"),
-        Let("rounded", "float", "min(pick(size < 0x38800000u, tiny, normal), 65504.0f)"),
+        Let("rounded", "float", "pick(size < 0x38800000u, tiny, normal)"),
+        Let("large", "float", "float_of(0x7f800000u | sign)"),
+        Let("finite", "float", "float_of(bits_of(rounded) | sign)"),
     ),
-    "float_of(bits_of(rounded) | sign)",
+    "pick(size > 0x7f800000u, z, pick(size >= 0x477ff000u, large, finite))",
 )
 quartic = Function(
     "quartic",

@@ -33,6 +33,8 @@ class Program:
     def __post_init__(self) -> None:
         if self.state.count != 1:
             raise InputError(f"{self.state.count} networks in one; save them one by one, each is exported alone")
+        if not all(np.isfinite(x).all() for x in (self.state.parameters, self.state.encoding_parameters)):
+            raise InputError("the parameters hold NaN or infinite values; train the network again")
         for activation in {self.state.spec.activation, self.state.spec.output_activation}:
             portable(activation)
 
