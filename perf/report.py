@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from perf.advice import advice
-from perf.goals import ELSEWHERE, GOALS, TESTED, Goal
+from perf.goal import Goal
+from perf.goals import ELSEWHERE, GOALS, TESTED
 from perf.profile import spoken
 from perf.recorded import ORIGINS
 from perf.results import FOLDER, Result, load_all
