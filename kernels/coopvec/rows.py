@@ -5,8 +5,10 @@ from functools import cache
 import warp as wp
 
 from warp_neural.kernels.coopvec.cuda import network as cuda
+from warp_neural.kernels.coopvec.cuda.warpgroup_rows import RowsSchedule, rows_by_warpgroups_text
 from warp_neural.kernels.coopvec.memory import make_load, make_store
 from warp_neural.kernels.coopvec.pool import pool
+from warp_neural.kernels.native import both
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec, Parameters
 
 BLOCK = 64  # threads of a block that evaluates rows: with few, more of a row is staged at a time
@@ -76,5 +78,24 @@ def make_evaluate_kernel(of_row: wp.Function, vec_out: type) -> wp.Kernel:
         result = of_row(params, x, wp.min(i, x.shape[0] - 1))
         if i < x.shape[0]:
             store(y, i, result)
+
+    return evaluate_kernel
+
+
+@cache
+def make_warpgroup_kernel(spec: NetworkSpec, schedule: RowsSchedule) -> wp.Kernel:
+    """The same of networks that `make_rows_schedule` takes, for rows of x aligned to 16 bytes and dense y; dim: blocks *
+    schedule.threads, block_dim: schedule.threads."""
+    shared, words = wp.tile(dtype=wp.uint32, shape=(schedule.words,)), schedule.words
+
+    @wp.func_native(both("", rows_by_warpgroups_text(spec, schedule)))
+    def evaluate_rows(params: Parameters, memory: shared, x: wp.array2d[wp.float16], y: wp.array2d[wp.float16]): ...
+
+    bounds = (schedule.threads, schedule.blocks)
+
+    @wp.kernel(module="unique", enable_backward=False, launch_bounds=bounds)
+    def evaluate_kernel(params: Parameters, x: wp.array2d[wp.float16], y: wp.array2d[wp.float16]):
+        memory = wp.tile_empty(shape=words, dtype=wp.uint32, storage="shared")
+        evaluate_rows(params, memory, x, y)
 
     return evaluate_kernel

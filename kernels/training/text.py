@@ -8,7 +8,6 @@ from warp_neural.kernels.nn.spec import C_TYPES, FLOAT16, NetworkSpec
 from warp_neural.kernels.training.schedule import Schedule
 
 NATIVE = Path(__file__).parent / "native"
-MEMORY = paste(NATIVE / "memory.cuh")
 
 
 def ones_of(spec: NetworkSpec) -> str:

@@ -8,6 +8,7 @@ from warp_neural.kernels.coopvec.pool import OWN_POOL
 from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import BFLOAT16, E4M3, E5M2, FLOAT16, INT8, TF32, Format, NetworkSpec
 
+MATRICES = paste(NATIVE / "matrices.cuh")
 MMA_TYPES = {
     FLOAT16: ("m16n8k16", "f16"),
     BFLOAT16: ("m16n8k16", "bf16"),

@@ -1,9 +1,9 @@
 """CUDA text of a fused training step for 128 neurons a layer: the upper pass's way back, and the sums of a pass."""
 
+from warp_neural.kernels.coopvec.cuda.warpgroups import wait, wgmma
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.backward import back_word, start
 from warp_neural.kernels.training.hopper64.finish import enter_finish, leave_last, put_last
-from warp_neural.kernels.training.hopper64.forward import wait, wgmma
 from warp_neural.kernels.training.hopper64.schedule import GROUPS, LAST_ROW, ROW
 from warp_neural.kernels.training.hopper128.forward import BLOCKS, READ, enter, keep
 from warp_neural.kernels.training.hopper128.schedule import PANEL, SAMPLES, SLOT, Hopper128Pass, Hopper128Schedule

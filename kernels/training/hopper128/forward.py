@@ -6,17 +6,15 @@ A tile is 64 samples, of which each warp has 16 rows and as many of its lanes th
 from pathlib import Path
 
 from warp_neural.kernels.coopvec.cuda import primitives
+from warp_neural.kernels.coopvec.cuda.warpgroups import PRODUCTS, wait, wgmma
 from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.forward import (
-    PRODUCTS,
     read_biases,
     read_results,
     save_inputs,
     save_results,
-    wait,
-    wgmma,
 )
 from warp_neural.kernels.training.hopper64.schedule import ROW
 from warp_neural.kernels.training.hopper128.schedule import (
@@ -27,7 +25,7 @@ from warp_neural.kernels.training.hopper128.schedule import (
     Hopper128Pass,
     Hopper128Schedule,
 )
-from warp_neural.kernels.training.text import MEMORY, slopes
+from warp_neural.kernels.training.text import slopes
 
 NATIVE = Path(__file__).parent / "native"
 
@@ -38,7 +36,7 @@ def enter(spec: NetworkSpec, schedule: Hopper128Pass) -> str:
     """As `hopper64.forward.enter`; `areas` of both warpgroups."""
     where = {"ONES": schedule.ones, "AREAS": schedule.areas, "AREA": schedule.area}
     places = paste(NATIVE / "places.cuh", ROW=ROW, PANEL=PANEL, **where)
-    return f"{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}{places}"
+    return f"{primitives.prelude(spec)}{slopes(spec)}{primitives.MATRICES}{PRODUCTS}{places}"
 
 
 def keep(schedule: Hopper128Schedule) -> str:

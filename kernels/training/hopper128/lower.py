@@ -5,10 +5,10 @@ What the upper pass kept comes from memory while the products of the other slots
 
 from pathlib import Path
 
+from warp_neural.kernels.coopvec.cuda.warpgroups import wait, wgmma
 from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.hopper64.backward import back_word
-from warp_neural.kernels.training.hopper64.forward import wait, wgmma
 from warp_neural.kernels.training.hopper128.backward import (
     back_tile,
     input_tile,

@@ -7,10 +7,11 @@ while they run, the next samples can be read.
 
 from pathlib import Path
 
+from warp_neural.kernels.coopvec.cuda.warpgroups import wait, wgmma
 from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import NetworkSpec
-from warp_neural.kernels.training.hopper64.forward import enter, wait, wgmma
+from warp_neural.kernels.training.hopper64.forward import enter
 from warp_neural.kernels.training.hopper64.schedule import (
     LAST_ROW,
     MAX_OUT,

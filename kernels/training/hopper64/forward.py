@@ -8,55 +8,23 @@ two tiles of a layer take turns: while one is multiplied, the other's results ar
 """
 
 from pathlib import Path
-from typing import Literal
 
 from warp_neural.kernels.coopvec.cuda import primitives
-from warp_neural.kernels.coopvec.cuda.primitives import MMA_TYPES
+from warp_neural.kernels.coopvec.cuda.warpgroups import PRODUCTS, wait, wgmma
 from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.activations import linear, relu
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
 from warp_neural.kernels.training.hopper64.schedule import ROW, SAMPLES, SLOT, WIDTH, Hopper64Schedule, HopperSchedule
-from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
+from warp_neural.kernels.training.text import ones_of, slopes
 
 NATIVE = Path(__file__).parent / "native"
-
-
-def wgmma(name: str, spec: NetworkSpec, n: int, a: Literal["registers", "rows", "columns"], transposed: bool) -> str:
-    """A lambda `name(d, a, b, keep)`: d = a b, plus d if `keep`, of 64 x `n`. a: in "registers", four of them, or the
-    descriptor of a matrix in shared memory by "rows" or "columns". transposed: b is by columns."""
-    count, element = n // 2, MMA_TYPES[spec.format][1]
-    results = ",".join(f"%{i}" for i in range(count))
-    outputs = ", ".join(f'"+f"(d[{i}])' for i in range(count))
-    if a == "registers":
-        kind, inputs = "const unsigned (&a)[4]", ", ".join(f'"r"(a[{r}])' for r in range(4))
-        source, b, turns = "{" + ",".join(f"%{count + r}" for r in range(4)) + "}", count + 4, f"{transposed:d}"
-    else:
-        kind, inputs, source, b = "Tile a", '"l"(a)', f"%{count}", count + 1
-        turns = f"{a == 'columns':d}, {transposed:d}"
-    return f"""auto {name} = [](real (&d)[{count}], {kind}, Tile b, int keep) {{
-asm volatile("{{.reg .pred p; setp.ne.b32 p, %{b + 1}, 0;\\n"
-    "wgmma.mma_async.sync.aligned.m64n{n}k16.f32.{element}.{element} {{{results}}}, {source}, %{b}, p, 1, 1, {turns};}}"
-    : {outputs} : {inputs}, "l"(b), "r"(keep) : "memory"); }};
-"""
-
-
-PRODUCTS = paste(NATIVE / "products.cuh")
 
 
 def enter(spec: NetworkSpec, schedule: Hopper64Schedule) -> str:
     """Lambdas; addresses of the block's `weights` and of the warpgroup's `area`, and places in its slots."""
     where = {"ONES": schedule.ones, "AREAS": schedule.areas, "AREA": schedule.area}
     places = paste(NATIVE / "places.cuh", ROW=ROW, SAMPLES=SAMPLES, **where)
-    return f"{primitives.prelude(spec)}{slopes(spec)}{MEMORY}{PRODUCTS}{places}"
-
-
-def wait(pending: int, *registers: str) -> str:
-    """Until at most so many groups of products are under way; `registers`: arrays that are ready then."""
-    text = f'asm volatile("wgmma.wait_group.sync.aligned {pending};" ::: "memory");\n'
-    for name in registers:
-        text += f"UNROLL for (int r = 0; r < sizeof({name}) / 4; ++r) "
-        text += f'asm volatile("" : "+f"(({name})[r]) :: "memory");\n'
-    return text
+    return f"{primitives.prelude(spec)}{slopes(spec)}{primitives.MATRICES}{PRODUCTS}{places}"
 
 
 def forward_text(spec: NetworkSpec, schedule: Hopper64Schedule, halves: bool) -> str:

@@ -7,6 +7,7 @@ dW stays in registers for as long as the launch lasts; a column of ones beside H
 
 from dataclasses import dataclass
 
+from warp_neural.kernels.coopvec.cuda.warpgroups import ROW
 from warp_neural.kernels.coopvec.fragment_layout import Layout, warpgroup_accumulators
 from warp_neural.kernels.coopvec.layout import LayerLayout, network_layout
 from warp_neural.kernels.nn.spec import BFLOAT16, FLOAT16, NetworkSpec, round_up
@@ -15,7 +16,6 @@ from warp_neural.kernels.training.schedule import HOPPER_BYTES, Schedule
 WIDTH = 64  # neurons of every hidden layer
 SAMPLES = 128  # of a warpgroup and round, one a thread
 GROUPS = 2  # warpgroups of a block
-ROW = 128  # bytes of a vector in a slot
 SLOT = SAMPLES * ROW
 LAST_ROW = 32  # bytes of a sample's dz of the last layer
 MAX_OUT = 16

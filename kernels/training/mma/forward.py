@@ -17,7 +17,7 @@ from warp_neural.kernels.coopvec.layout import network_layout
 from warp_neural.kernels.native import paste
 from warp_neural.kernels.nn.spec import NetworkSpec
 from warp_neural.kernels.training.mma.schedule import MmaSchedule
-from warp_neural.kernels.training.text import MEMORY, ones_of, slopes
+from warp_neural.kernels.training.text import ones_of, slopes
 
 NATIVE = Path(__file__).parent / "native"
 
@@ -25,7 +25,7 @@ NATIVE = Path(__file__).parent / "native"
 def enter(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and others; see `places.cuh`."""
     add = primitives.mma("multiply_add", spec.format, "real")
-    names = f"{primitives.prelude(spec)}{add}{slopes(spec)}{MEMORY}const unsigned ones = {ones_of(spec)};\n"
+    names = f"{primitives.prelude(spec)}{add}{slopes(spec)}{primitives.MATRICES}const unsigned ones = {ones_of(spec)};\n"
     return names + paste(NATIVE / "places.cuh", WEIGHTS=4 * schedule.weights, AREA=4 * schedule.area)
 
 
