@@ -84,8 +84,9 @@ def make_evaluate_kernel(of_row: wp.Function, vec_out: type) -> wp.Kernel:
 
 @cache
 def make_warpgroup_kernel(spec: NetworkSpec, schedule: RowsSchedule) -> wp.Kernel:
-    """The same of networks that `make_rows_schedule` takes, for rows of x aligned to 16 bytes and dense y; dim: blocks *
-    schedule.threads, block_dim: schedule.threads."""
+    """The same of networks that `make_rows_schedule` takes, for rows of x aligned to 16 bytes and dense y.
+
+    dim: any number of blocks * schedule.threads; block_dim: schedule.threads."""
     shared, words = wp.tile(dtype=wp.uint32, shape=(schedule.words,)), schedule.words
 
     @wp.func_native(both("", rows_by_warpgroups_text(spec, schedule)))

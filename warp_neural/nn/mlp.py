@@ -7,14 +7,15 @@ import warp as wp
 
 from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
-from warp_neural.kernels.coopvec.rows import BLOCK, make_evaluate_kernel
+from warp_neural.kernels.coopvec.rows import BLOCK
 from warp_neural.kernels.coopvec.typed import kind_of
 from warp_neural.kernels.errors import LARGEST, require_whole
 from warp_neural.kernels.nn import activations
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.encodings import Encoding
-from warp_neural.kernels.nn.spec import INT8, Parameters, round_up
+from warp_neural.kernels.nn.spec import INT8, Parameters
 from warp_neural.nn.calibration import Calibration, set_weight_steps
+from warp_neural.nn.evaluation import launch_rows
 from warp_neural.nn.functions import Functions
 from warp_neural.nn.initial_state import initial_state
 from warp_neural.nn.initialization import xavier_uniform
@@ -166,8 +167,7 @@ class MLP(Functions):
             here, wanted = f"{x.shape} of {x.dtype.__name__}", f"[n, {self.n_in}] of {dtype.__name__}"
             raise InputError(f"inputs {here} on {x.device.alias}: expected {wanted} on {self.device.alias}")
         y = wp.empty((x.shape[0], self.spec.sizes[-1]), dtype=dtype, device=self.device)
-        kernel, dim = make_evaluate_kernel(self.plain_of_row, self.vec_out), round_up(x.shape[0], BLOCK)
-        wp.launch(kernel, dim, [self.plain, x, y], device=self.device, block_dim=BLOCK, record_tape=False)
+        launch_rows(self, self.plain, x, y)
         return y
 
     def to(self, device: wp.DeviceLike) -> "MLP":

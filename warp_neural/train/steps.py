@@ -3,7 +3,6 @@
 Both are launches on arrays made beforehand, so that a CUDA graph can hold them.
 """
 
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,11 @@ from warp_neural.kernels.training.taped import collect_kernel, make_loss_kernel,
 from warp_neural.kernels.training.taped_update import GROUP, check_kernel, make_update_kernel
 from warp_neural.kernels.training.update import COLUMNS, Update, make_fused_update_kernel, update_block
 from warp_neural.nn.calibration import Calibration
+from warp_neural.nn.loading import load_for
 from warp_neural.nn.mlp import MLP
 from warp_neural.train.encoded_batch import EncodedBatch, launch
 from warp_neural.train.layout import fragment_order, packed_targets
 
-ARCH = Lock()  # of Warp's setting of the process, which no module has for itself: one thread at a time changes it
 CALIBRATION = 256  # samples of a step that set the steps of INT8
 KEEP = 0.99  # of larger steps from the training steps before
 
@@ -123,17 +122,6 @@ class Taped(Steps):
 def schedule_of(net: MLP) -> Schedule | None:
     """How blocks of the network's CUDA device train it in one kernel; None if they cannot."""
     return choose_schedule(net.spec, net.device.arch, net.device.max_shared_memory_per_block)
-
-
-def load_for(kernel: wp.Kernel, schedule: Schedule, device: wp.Device) -> None:
-    """Compile and load a kernel of a fused step, for the architecture that it needs."""
-    with ARCH:
-        before = wp.config.cuda_arch_suffix
-        wp.config.cuda_arch_suffix = schedule.arch_suffix or before
-        try:
-            wp.load_module(kernel.module, device, block_dim=schedule.threads)
-        finally:
-            wp.config.cuda_arch_suffix = before
 
 
 class FusedCuda(Steps):

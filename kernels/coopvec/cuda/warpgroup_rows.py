@@ -32,7 +32,8 @@ from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
 WIDTHS = (64, 128)  # of all hidden layers
 MAX_IN, MAX_OUT = 128, 16
 TILE = 64  # rows of a product
-GROUPS, BLOCKS = {64: 2, 128: 4}, {64: 3, 128: 1}
+# Warpgroups of a block and blocks of a multiprocessor, by neurons and sums: as many as registers hold
+SHAPES = {(64, "float16"): (2, 3), (64, "float32"): (2, 2), (128, "float16"): (4, 1), (128, "float32"): (2, 1)}
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def make_rows_schedule(
     for layout in network_layout(spec, True)[0]:
         layers.append(RowsLayer(layout, weights))
         weights += panels_of(layout) * panel_of(layout)
-    schedule = RowsSchedule(tuple(layers), weights, tiles, groups or GROUPS[width], blocks or BLOCKS[width])
+    shape = SHAPES[width, spec.accumulation]
+    schedule = RowsSchedule(tuple(layers), weights, tiles, groups or shape[0], blocks or shape[1])
     return schedule if 4 * schedule.words <= shared_bytes else None
 
 
@@ -150,9 +152,10 @@ def products(spec: NetworkSpec, schedule: RowsSchedule, index: int) -> str:
 UNROLL for (int h = 0; h < 2; ++h) {{ {bias_words(spec, layout, "j", "base")} }} }}
 """
     multiply = f"multiply_{'last' if last else 'hidden'}({flat(spec, array, layout.n_pad // 8)}, a[m][b]"
+    tile = f"tile(weights + {layer.weights} + b / 4 * {panel_of(layout)} + 32 * (b % 4), 0u)"
     return f"""{start if starts_from_bias else ""}begin_products();
 UNROLL for (int b = 0; b < {layout.k_pad // 16}; ++b)
-    {multiply}, tile(weights + {layer.weights} + b / 4 * {panel_of(layout)} + 32 * (b % 4), 0u), {"1" if starts_from_bias else "b"});
+    {multiply}, {tile}, {"1" if starts_from_bias else "b"});
 commit();
 """
 

@@ -25,7 +25,9 @@ NATIVE = Path(__file__).parent / "native"
 def enter(spec: NetworkSpec, schedule: MmaSchedule) -> str:
     """Lambdas, and the addresses `weights` (of the block), `area` (of this warp) and others; see `places.cuh`."""
     add = primitives.mma("multiply_add", spec.format, "real")
-    names = f"{primitives.prelude(spec)}{add}{slopes(spec)}{primitives.MATRICES}const unsigned ones = {ones_of(spec)};\n"
+    names = (
+        f"{primitives.prelude(spec)}{add}{slopes(spec)}{primitives.MATRICES}const unsigned ones = {ones_of(spec)};\n"
+    )
     return names + paste(NATIVE / "places.cuh", WEIGHTS=4 * schedule.weights, AREA=4 * schedule.area)
 
 
