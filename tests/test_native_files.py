@@ -6,6 +6,7 @@ import warp as wp
 
 import warp_neural.kernels
 from warp_neural.kernels.coopvec import NATIVE
+from warp_neural.kernels.coopvec.cuda.primitives import MATRICES
 from warp_neural.kernels.coopvec.formats import SMALL_FLOATS
 from warp_neural.kernels.coopvec.pool import OWN_POOL
 from warp_neural.kernels.native import ATOMICS, paste, unroll
@@ -33,6 +34,12 @@ CUDA = {
     "stage_rows.cuh": (f"{STAGING}integer row = 0; unsigned a[2][4][4];\n", {"INPUT_UNITS": 8}),
     "network_rows.cuh": (f"{LANES}unsigned long long key = 0u;\n", {}),
     "warp_sums.cuh": (f"{REAL}real* gradient = x.data;\n", {}),
+    "matrices.cuh": (LANES, {}),
+    "products.cuh": ("", {}),
+    "rows_of_warp.cuh": (
+        f"{LANES}{MATRICES}unsigned rows = 0u; wp::array_t<wp::half> y;\n",
+        {"TILES": 2, "IN_UNITS": 6, "N_OUT": 9},
+    ),
     "load_by_warp.cuh": (ROW + OWN_POOL, {"UNITS": 8, "MOST": 8}),
     "load_row.cuh": (f"{ROW}bool together = false;\n", {"N": 64, "SIZE": 2, "UNITS": 8}),
     "reduce_sum.cuh": (
@@ -72,7 +79,8 @@ def make_kernel(files: dict) -> wp.Kernel:
     return kernel
 
 
-def test_compile_for_hopper(tmp_path):
+def test_compile_for_hopper(tmp_path, monkeypatch):
+    monkeypatch.setattr(wp.config, "cuda_arch_suffix", "a")
     (artifact,) = wp.compile_aot_module(make_kernel(CUDA | BOTH).module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
 
