@@ -22,7 +22,7 @@ from perf.peak import measure_cpu, measure_mma, measure_torch
 from perf.pictures import bars
 from warp_neural import MLP
 from warp_neural.cli import Between, progress, run
-from warp_neural.kernels.coopvec.rows import make_evaluate_kernel
+from warp_neural.nn.evaluation import launch_rows
 
 KINDS = [
     ("float16", "float16"),
@@ -91,10 +91,10 @@ def measure_memory(bench: Bench, shapes: list, n: int) -> None:
     config, device = bench.config, bench.device
     for depth, width in shapes:
         net = make_net(depth, width, accumulation="float16", dtype=wp.float16, device=device, seed=config.seed)
-        kernel, x = make_evaluate_kernel(net.of_row, net.vec_out), random_rows(n, width, config.seed)
+        x = random_rows(n, width, config.seed)
         inputs = wp.array(x, dtype=wp.float16, device=device)
         y = wp.zeros((n, 16), dtype=wp.float16, device=device)
-        launch = lambda: wp.launch(kernel, n, [net.params, inputs, y], device=device, block_dim=config.block)  # noqa: B023, E731
+        launch = lambda: launch_rows(net, net.plain, inputs, y)  # noqa: B023, E731
         launch()
         name = shape_name(depth, width)
         check(f"memory {name}", y.numpy()[:4096], truth(net, x[:4096]), LIMITS["float16"])
