@@ -31,12 +31,12 @@ def load_kernel(spec: NetworkSpec, schedule: RowsSchedule, alias: str) -> wp.Ker
 
 def launch_rows(net: Functions, params: Parameters, x: wp.array, y: wp.array) -> None:
     """`params.network` of each row of x [n, n_in], to y [n, n_out], dense."""
-    schedule, launch = schedule_of(net, x), {"device": x.device, "record_tape": False}
+    schedule = schedule_of(net, x)
     if schedule:
         launch_warpgroups(net.spec, schedule, params, x, y)
     else:
         kernel, dim = make_evaluate_kernel(net.plain_of_row, net.vec_out), round_up(x.shape[0], BLOCK)
-        wp.launch(kernel, dim, [params, x, y], block_dim=BLOCK, **launch)
+        wp.launch(kernel, dim, [params, x, y], device=x.device, block_dim=BLOCK, record_tape=False)
 
 
 def launch_warpgroups(spec: NetworkSpec, schedule: RowsSchedule, params: Parameters, x: wp.array, y: wp.array) -> None:
