@@ -38,7 +38,7 @@ CUDA = {
     "products.cuh": ("", {}),
     "rows_of_warp.cuh": (
         f"{LANES}{MATRICES}unsigned rows = 0u; wp::array_t<wp::half> y;\n",
-        {"TILES": 2, "IN_UNITS": 6, "N_OUT": 9},
+        {"IN_UNITS": 6, "N_OUT": 9},
     ),
     "load_by_warp.cuh": (ROW + OWN_POOL, {"UNITS": 8, "MOST": 8}),
     "load_row.cuh": (f"{ROW}bool together = false;\n", {"N": 64, "SIZE": 2, "UNITS": 8}),

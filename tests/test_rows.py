@@ -85,14 +85,11 @@ def test_warpgroups(device, n_in, width, depth, n_out, accumulation, activation,
 
 
 @pytest.mark.parametrize("n_in, width, depth, n_out, accumulation, activation", WARPGROUPS)
-@pytest.mark.parametrize("tiles", [1, 2])
-def test_warpgroups_compile_for_hopper(
-    n_in, width, depth, n_out, accumulation, activation, tiles, tmp_path, monkeypatch
-):
+def test_warpgroups_compile_for_hopper(n_in, width, depth, n_out, accumulation, activation, tmp_path, monkeypatch):
     monkeypatch.setattr(wp.config, "cuda_arch_suffix", "a")
     kind = {"activation": activation, "accumulation": accumulation, "dtype": wp.float16}
     spec = NetworkSpec((n_in, *[width] * depth, n_out), **kind)
-    schedule = make_rows_schedule(spec, 90, HOPPER_BYTES, tiles, 1, 1)
+    schedule = make_rows_schedule(spec, 90, HOPPER_BYTES)
     kernel = make_warpgroup_kernel(spec, schedule)
     (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.suffixes == [".sm90a", ".cubin"]

@@ -10,13 +10,11 @@ from warp_neural.kernels.nn.spec import NetworkSpec, Parameters, round_up
 from warp_neural.nn.functions import Functions
 from warp_neural.nn.loading import load_for
 
-FEWEST = 1 << 14  # rows from which on copying the weights into every block is worth it
-
 
 def schedule_of(net: Functions, x: wp.array) -> RowsSchedule | None:
     """How warpgroups evaluate the rows of x; None: each warp for itself."""
     device, plain = x.device, net.encoding is None and net.implementation == "cooperative"
-    if not device.is_cuda or not plain or x.shape[0] < FEWEST or (x.ptr | x.strides[0]) % 16 or x.strides[1] != 2:
+    if not device.is_cuda or not plain or (x.ptr | x.strides[0]) % 16 or x.strides[1] != 2:
         return None
     return make_rows_schedule(net.spec, device.arch, device.max_shared_memory_per_block)
 

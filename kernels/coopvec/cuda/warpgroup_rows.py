@@ -1,10 +1,10 @@
 """CUDA text of networks of rows of memory by warpgroups (`wgmma`, sm_90a).
 
-Blocks stay: each copies the weights to shared memory once, then its warpgroups take 64 rows, or `tiles` times as many,
-after each other. A warp reads its own 16 rows of each tile while those before are multiplied. Vectors stay in registers
-from the first layer to the last, as `wgmma` leaves results the way it takes its first operand.
+Blocks stay: each copies the weights to shared memory once, then its warpgroups take 64 rows after each other. A warp
+reads its own 16 rows while those before are multiplied. Vectors stay in registers from the first layer to the last, as
+`wgmma` leaves results the way it takes its first operand.
 
-Names as in `fragments`, but that a tile `m` is 64 rows of a warpgroup, 16 of them in each of its warps.
+Names as in `fragments`, with one tile `m`: the 64 rows of a warpgroup, 16 of them in each of its warps.
 """
 
 from dataclasses import dataclass
@@ -32,8 +32,8 @@ from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
 WIDTHS = (64, 128)  # of all hidden layers
 MAX_IN, MAX_OUT = 128, 16
 TILE = 64  # rows of a product
-# Warpgroups of a block and blocks of a multiprocessor, by neurons and sums: as many as registers hold
-SHAPES = {(64, "float16"): (2, 3), (64, "float32"): (2, 2), (128, "float16"): (4, 1), (128, "float32"): (2, 1)}
+# Warpgroups of a block and blocks of a multiprocessor, by neurons and sums: the fastest of those that registers hold
+SHAPES = {(64, "float16"): (2, 3), (64, "float32"): (4, 1), (128, "float16"): (5, 1), (128, "float32"): (2, 1)}
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,11 @@ class RowsLayer:
 
 @dataclass(frozen=True)
 class RowsSchedule:
-    """groups: warpgroups of a block, each of which takes `tiles` times 64 rows at a time. blocks: of a multiprocessor.
-    rows: where the warps' rows begin in shared memory, in bytes from the first multiple of 1024 on."""
+    """groups: warpgroups of a block. blocks: of a multiprocessor. rows: where the warps' rows begin in shared memory,
+    in bytes behind the first multiple of 1024."""
 
     layers: tuple[RowsLayer, ...]
     rows: int
-    tiles: int
     groups: int
     blocks: int
 
@@ -65,12 +64,12 @@ class RowsSchedule:
     @property
     def block_rows(self) -> int:
         """That a block takes at a time."""
-        return TILE * self.tiles * self.groups
+        return TILE * self.groups
 
     @property
     def warp_bytes(self) -> int:
         """Of a warp's rows: inputs, and 16 results of each of 16."""
-        return self.tiles * panels_of(self.layers[0].layout) * 16 * ROW + 16 * 2 * MAX_OUT
+        return panels_of(self.layers[0].layout) * 16 * ROW + 16 * 2 * MAX_OUT
 
     @property
     def words(self) -> int:
@@ -78,12 +77,8 @@ class RowsSchedule:
         return (1024 + self.rows + 4 * self.groups * self.warp_bytes) // 4
 
 
-def make_rows_schedule(
-    spec: NetworkSpec, arch: int, shared_bytes: int, tiles: int = 1, groups: int = 0, blocks: int = 0
-) -> RowsSchedule | None:
-    """For a device of architecture `arch` whose blocks have so much shared memory; None where this way does not apply.
-
-    groups, blocks: 0 for what was fastest."""
+def make_rows_schedule(spec: NetworkSpec, arch: int, shared_bytes: int) -> RowsSchedule | None:
+    """For a device of architecture `arch` whose blocks have so much shared memory; None: not for this way."""
     width = spec.sizes[1]
     kind = spec.format is FLOAT16 and spec.dtype is wp.float16 and arch == 90
     sizes = len(spec.sizes) > 2 and width in WIDTHS and set(spec.sizes[1:-1]) == {width}
@@ -93,18 +88,17 @@ def make_rows_schedule(
     for layout in network_layout(spec, True)[0]:
         layers.append(RowsLayer(layout, weights))
         weights += panels_of(layout) * panel_of(layout)
-    shape = SHAPES[width, spec.accumulation]
-    schedule = RowsSchedule(tuple(layers), weights, tiles, groups or shape[0], blocks or shape[1])
+    schedule = RowsSchedule(tuple(layers), weights, *SHAPES[width, spec.accumulation])
     return schedule if 4 * schedule.words <= shared_bytes else None
 
 
 def rows_by_warpgroups_text(spec: NetworkSpec, schedule: RowsSchedule) -> str:
     """`(params, memory, x, y)`: the network of every row of x, to y. All threads of all blocks."""
-    layers, tiles = schedule.layers, schedule.tiles
+    layers = schedule.layers
     first, last = layers[0].layout, layers[-1].layout
     kind, registers = primitives.accumulator(spec)
     halves, width, blocks = registers == 2, spec.sizes[1], max(first.k_pad, spec.sizes[1]) // 16
-    constants = {"TILES": tiles, "IN_UNITS": first.k // 8, "N_OUT": spec.sizes[-1]}
+    constants = {"IN_UNITS": first.k // 8, "N_OUT": spec.sizes[-1]}
     hidden = "".join(activate(spec, schedule, index) for index in range(len(layers) - 1))
     return unroll(f"""{primitives.prelude(spec)}{primitives.MATRICES}{PRODUCTS}
 {wgmma("multiply_hidden", spec, width, "registers", False, halves)}
@@ -114,8 +108,8 @@ const unsigned weights = (static_cast<unsigned>(__cvta_generic_to_shared(memory.
 const unsigned rows = weights + {schedule.rows} + warp * {schedule.warp_bytes};
 {paste(NATIVE / "rows_of_warp.cuh", **constants)}
 const unsigned stride = gridDim.x * {schedule.block_rows};
-unsigned start = blockIdx.x * {schedule.block_rows} + group * {TILE * tiles} + warp % 4u * 16u;  // of this warp
-UNROLL for (int m = 0; m < {tiles}; ++m) fetch(m, start + {TILE} * m);
+unsigned start = blockIdx.x * {schedule.block_rows} + group * {TILE} + warp % 4u * 16u;  // of this warp
+fetch(start);
 {{ {stage_weights(spec, layers, schedule.threads)}{PUBLISH}}}
 const unsigned* const base = params.packed.data + static_cast<size_t>(params.network) * {network_layout(spec, True)[1]};
 const unsigned at = 0u;
@@ -123,14 +117,13 @@ const integer j0 = 0;
 for (; start - warp % 4u * 16u < n; start += stride) {{
 asm volatile("cp.async.wait_all;" ::: "memory");
 __syncwarp();
-unsigned a[{tiles}][{blocks}][4];
-{kind} d[{tiles}][{width // 8}][{registers}], z[{tiles}][{last.n_pad // 8}][{registers}];
-UNROLL for (int m = 0; m < {tiles}; ++m) UNROLL for (int b = 0; b < {first.k_pad // 16}; ++b) take(m, b, a[m][b]);
+constexpr int m = 0;
+unsigned a[1][{blocks}][4];
+{kind} d[1][{width // 8}][{registers}], z[1][{last.n_pad // 8}][{registers}];
+UNROLL for (int b = 0; b < {first.k_pad // 16}; ++b) take(b, a[m][b]);
 __syncwarp();
-if (start + stride < n)
-    UNROLL for (int m = 0; m < {tiles}; ++m) fetch(m, start + stride + {TILE} * m);
-UNROLL for (int m = 0; m < {tiles}; ++m) {{ {products(spec, schedule, 0)} }}
-{hidden}{results(spec, schedule)}}}
+if (start + stride < n) fetch(start + stride);
+{products(spec, schedule, 0)}{hidden}{results(spec, schedule)}}}
 asm volatile("cp.async.wait_all;" ::: "memory");
 """)
 
@@ -142,7 +135,7 @@ def flat(spec: NetworkSpec, array: str, tiles: int) -> str:
 
 
 def products(spec: NetworkSpec, schedule: RowsSchedule, index: int) -> str:
-    """Layer `index` of tile m, under way as a group."""
+    """Layer `index`, under way as a group."""
     layer, last = schedule.layers[index], index == len(schedule.layers) - 1
     layout, array = layer.layout, "z[m]" if last else "d[m]"
     starts_from_bias = not bias_joins_relu(spec, last)
@@ -160,9 +153,9 @@ commit();
 """
 
 
-def await_tile(spec: NetworkSpec, pending: int, array: str, tiles: int) -> str:
+def await_sums(spec: NetworkSpec, array: str, tiles: int) -> str:
     constraint = "f" if primitives.accumulator(spec)[0] == "real" else "r"
-    return wait(pending, flat(spec, array, tiles), constraint=constraint)
+    return wait(0, flat(spec, array, tiles), constraint=constraint)
 
 
 def activate(spec: NetworkSpec, schedule: RowsSchedule, index: int) -> str:
@@ -178,28 +171,23 @@ bias[j] = c[0]; }}
 """
         finish = "next[m][j / 2][j % 2 * 2 + h] = half_add_relu(d[m][j][h], bias[j]);"
     return f"""{{ {biases}{pre_activation(spec, layout)}auto& next = a;
-UNROLL for (int m = 0; m < {schedule.tiles}; ++m) {{
-{await_tile(spec, schedule.tiles - 1, "d[m]", tiles)}
+{await_sums(spec, "d[m]", tiles)}
 UNROLL for (int j = 0; j < {tiles}; ++j) UNROLL for (int h = 0; h < 2; ++h) {{ {finish} }}
-{products(spec, schedule, index + 1)}}} }}
+{products(spec, schedule, index + 1)}}}
 """
 
 
 def results(spec: NetworkSpec, schedule: RowsSchedule) -> str:
     """Those of the last layer, to memory."""
-    layout, tiles = schedule.layers[-1].layout, schedule.tiles
-    waits = "".join(
-        f"{'else ' if m else ''}if (m == {m}) {{ {await_tile(spec, tiles - 1 - m, 'z[m]', layout.n_pad // 8)} }}\n"
-        for m in range(tiles)
-    )
+    layout = schedule.layers[-1].layout
+    tiles = layout.n_pad // 8
     return f"""{{ auto& d = z;
 {pre_activation(spec, layout)}
-UNROLL for (int m = 0; m < {tiles}; ++m) {{
-{waits}
-unsigned o[{tiles}][2][2];
+{await_sums(spec, "z[m]", tiles)}
+unsigned o[1][2][2];
 o[m][1][0] = o[m][1][1] = 0u;
-UNROLL for (int j = 0; j < {layout.n_pad // 8}; ++j) UNROLL for (int h = 0; h < 2; ++h) {{ {to_output(spec)} }}
+UNROLL for (int j = 0; j < {tiles}; ++j) UNROLL for (int h = 0; h < 2; ++h) {{ {to_output(spec)} }}
 const unsigned w[4] = {{o[m][0][0], o[m][0][1], o[m][1][0], o[m][1][1]}};
-leave(start + {TILE} * m, w);
-}} }}
+leave(start, w);
+}}
 """

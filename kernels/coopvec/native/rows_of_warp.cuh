@@ -1,22 +1,22 @@
-// Rows of memory, 16 at a time, to and from a warp's part of shared memory at `rows`: for each tile of 64 that its
-// warpgroup takes 16 rows of IN_UNITS times 16 bytes, in panels of 64 columns as the weights' are, then 16 rows of
-// results. Constants: TILES, IN_UNITS, N_OUT of at most 16 results in a row.
+// Rows of memory, 16 at a time, to and from a warp's part of shared memory at `rows`: 16 rows of IN_UNITS
+// times 16 bytes, in panels of 64 columns as the weights' are, then 16 rows of results.
+// Constants: IN_UNITS, N_OUT of at most 16 results in a row.
 // Names: lanes.cuh, matrices.cuh, rows, x, y.
 
-constexpr unsigned TILE_BYTES = (IN_UNITS + 7) / 8 * 16 * 128;
-const unsigned n = x.shape[0], upper = lane >> 4, place = lane & 15u, results = rows + TILES * TILE_BYTES;
+constexpr unsigned INPUT_BYTES = (IN_UNITS + 7) / 8 * 16 * 128;
+const unsigned n = x.shape[0], upper = lane >> 4, place = lane & 15u, results = rows + INPUT_BYTES;
 const size_t pitch = x.strides[0];
-auto fetch = [&](int m, unsigned first) {  // rows from `first` on to tile m, under way; the last row for those beyond
+auto fetch = [&](unsigned first) {  // rows from `first` on, under way; the last row for those beyond
 #pragma unroll
     for (unsigned i = 0; i < IN_UNITS / 2; ++i) {
         const unsigned r = (32 * i + lane) / IN_UNITS, u = (32 * i + lane) % IN_UNITS;
-        const unsigned to = rows + m * TILE_BYTES + u / 8 * (16 * 128) + r * 128 + ((u % 8 ^ r % 8) << 4);
+        const unsigned to = rows + u / 8 * (16 * 128) + r * 128 + ((u % 8 ^ r % 8) << 4);
         const char* const from = reinterpret_cast<const char*>(x.data) + min(first + r, n - 1) * pitch + 16 * u;
         asm volatile("cp.async.cg.shared.global.L2::128B [%0],[%1],16;" ::"r"(to), "l"(from) : "memory");
     }
 };
-auto take = [&](int m, int b, unsigned (&w)[4]) {  // columns 16 b on of tile m, as an A operand
-    load(rows + m * TILE_BYTES + b / 4 * (16 * 128) + place * 128 + (((b % 4 * 2 + upper) ^ (lane & 7u)) << 4), w);
+auto take = [&](int b, unsigned (&w)[4]) {  // columns 16 b on, as an A operand
+    load(rows + b / 4 * (16 * 128) + place * 128 + (((b % 4 * 2 + upper) ^ (lane & 7u)) << 4), w);
 };
 auto leave = [&](unsigned first, const unsigned (&w)[4]) {  // accumulators as pairs of halves, to rows from `first` on
     const unsigned r = lane >> 1, u = lane & 1u;
