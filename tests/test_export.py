@@ -108,16 +108,18 @@ def test_the_folder_builds_as_its_readme_says(tmp_path):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_exports_are_reproducible_and_never_overwrite(target, tmp_path):
-    net = wn.MLP(3, 2, 8, 1, device="cpu", seed=3)
-    first = export(net, target, tmp_path / "a", name="small net")
-    again = export(net.state, target, tmp_path / "b", name="small net")
+    net, options = wn.MLP(3, 2, 8, 1, device="cpu", seed=3), {"name": "small net"}
+    if target == "cuda":
+        options["archs"] = [80]
+    first = export(net, target, tmp_path / "a", **options)
+    again = export(net.state, target, tmp_path / "b", **options)
     for one, other in zip(first["files"], again["files"], strict=True):
         assert Path(one).read_bytes() == Path(other).read_bytes()
     assert any(first["hash"] in Path(file).read_text(errors="replace") for file in first["files"])
     with pytest.raises(InputError, match="is there already; give --force"):
-        export(net, target, tmp_path / "a", name="small net")
+        export(net, target, tmp_path / "a", **options)
     net.biases = [b + 1 for b in net.biases]
-    changed = export(net, target, tmp_path / "a", name="small net", force=True)
+    changed = export(net, target, tmp_path / "a", force=True, **options)
     assert changed["hash"] != first["hash"]
 
 
@@ -128,7 +130,7 @@ def test_what_cannot_be_exported_is_refused(tmp_path):
         assert not (tmp_path / "out").exists()
 
     net = wn.MLP(2, 2, 8, 1, device="cpu")
-    refuses("give one of cpp, glsl", net, "fortran")
+    refuses("give one of cpp, cuda, glsl", net, "fortran")
     refuses("precision e4m3: is not exported yet; give one of float32, float16", net, precision="e4m3")
     refuses("precision double: is unknown", net, precision="double")
     refuses("4 networks in one; save them one by one", wn.MLP(2, 2, 8, 1, count=4, device="cpu"))

@@ -4,13 +4,11 @@
 
 Leaves a folder for each target, which builds without Python, and deployment.png: Python's picture, each target's, what
 ran it, how long 65,536 pixels took and the largest difference from Python. What this machine cannot build or run is
-exported all the same, and the table says what is missing: g++; wgpu with a driver (pip install wgpu); glslangValidator;
-slangc, which pip's slangtorch carries. Times are of a second run, with copies; a software driver takes its time.
+exported all the same, and the table says what is missing: g++; an NVIDIA driver; wgpu with a driver (pip install wgpu);
+glslangValidator; slangc, which pip's slangtorch carries. Times are of a second run, with copies, but of CUDA without; a
+software driver takes its time.
 """
 
-import shutil
-import subprocess
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,15 +19,13 @@ from warp_neural import cli
 from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, export
 from warp_neural.nn.mlp import MLP
-from warp_neural.samples.deployment import webgpu
+from warp_neural.samples.deployment import programs, webgpu
+from warp_neural.samples.deployment.programs import NAME, Run
 from warp_neural.samples.figures import save_figure, show
 from warp_neural.samples.network import step_04_frequency_encoding
 from warp_neural.samples.network.step_01_basic_network import train
 from warp_neural.samples.network.target import Config as NetworkConfig
 from warp_neural.samples.network.target import load_target, psnr, srgb_codes
-
-NAME = "picture"
-CPP = "-std=c++17", "-O3", "-march=native", "-ffp-contract=off"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,31 +34,6 @@ class Config(NetworkConfig):
     """folder for the exported folders and the picture"""
     targets: str = ",".join(TARGETS)
     """which to export"""
-
-
-@dataclass(frozen=True)
-class Run:
-    """Results [rows, 3] where it ran; how, or what is missing."""
-
-    how: str
-    results: np.ndarray | None = None
-    seconds: float = 0.0
-
-
-def run_cpp(folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
-    """The program of the folder, on rows of its own in a folder beside."""
-    if not shutil.which("g++"):
-        return Run("not run: no g++")
-    program, rows = folder / "build" / NAME, folder / "rows"
-    for path in (program.parent, rows):
-        path.mkdir(exist_ok=True)
-    subprocess.run(["g++", *CPP, str(folder / "main.cpp"), "-o", str(program)], check=True)
-    inputs.tofile(rows / "inputs.bin")
-    expected.tofile(rows / "outputs.bin")
-    began = time.perf_counter()
-    subprocess.run([str(program), str(rows), str(rows / "results.bin")], stdout=subprocess.DEVNULL)
-    seconds = time.perf_counter() - began
-    return Run("g++", np.fromfile(rows / "results.bin", np.float32).reshape(expected.shape), seconds)
 
 
 def run_shader(language: str, folder: Path, inputs: np.ndarray, n_out: int) -> Run:
@@ -77,8 +48,8 @@ def run_shader(language: str, folder: Path, inputs: np.ndarray, n_out: int) -> R
 
 
 def run_target(target: str, folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
-    if target == "cpp":
-        return run_cpp(folder, inputs, expected)
+    if target in programs.RUN:
+        return programs.RUN[target](folder, inputs, expected)
     if target in webgpu.LANGUAGES:
         return run_shader(target, folder, inputs, expected.shape[1])
     return Run("not run: no compiler here")
@@ -93,7 +64,7 @@ def runs(net: MLP, config: Config, targets: list[str], size: tuple[int, int]) ->
     yield "python", 0, 0.0, Run("Warp, cpu", expected)
     for target in targets:
         folder = config.out / target
-        made = export(net, target, folder, name=NAME, force=True)
+        made = export(net, target, folder, archs=programs.archs() if target == "cuda" else None, name=NAME, force=True)
         run = run_target(target, folder, inputs, expected)
         difference = float(np.abs(run.results - expected).max()) if run.results is not None else 0.0
         yield target, sum(made["files"].values()), difference, run

@@ -16,12 +16,17 @@ class Export:
 
     source: tyro.conf.Positional[Path]
     """.safetensors of a network"""
-    target: Literal["cpp", "glsl", "hlsl", "slang", "wgsl", "msl"]
-    """cpp: a C++17 header for the CPU, with a CMake project; the others compute shaders"""
+    target: Literal["cpp", "cuda", "glsl", "hlsl", "slang", "wgsl", "msl"]
+    """cpp: a C++17 header for the CPU, with a CMake project; cuda: the same for NVIDIA's GPUs, with compiled kernels
+    that need the driver alone; the others compute shaders"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """folder for the files"""
-    precision: Literal["float32", "float16"] | None = None
-    """float16 of weights and vectors between layers, sums in float32; that of the network if not given"""
+    precision: Literal["float32", "tf32", "float16", "bfloat16", "e4m3", "e5m2", "int8"] | None = None
+    """of weights and vectors between layers, with sums in float32; that of the network if not given. All but cuda take
+    float32 and float16 alone"""
+    arch: str | None = None
+    """of cuda, architectures of GPUs: 80,90,120 for compute capabilities 8.0, 9.0 and 12.0, which are made if not given
+    (newer ones by PTX)"""
     name: str | None = None
     """of the files and the namespace; that of SOURCE if not given"""
     force: bool = False
@@ -30,7 +35,12 @@ class Export:
     """print nothing but one JSON object, as the last line on stdout"""
 
     def main(self) -> dict:
+        from warp_neural.errors import InputError
         from warp_neural.export import export  # reads much that the other commands do without
 
-        options = {"precision": self.precision, "name": self.name, "force": self.force}
+        words = self.arch.split(",") if self.arch is not None else None
+        if words and not all(word.strip().isdecimal() for word in words):
+            raise InputError(f"--arch {self.arch}: give numbers such as 80,90,120")
+        archs = [int(word) for word in words] if words else None
+        options = {"precision": self.precision, "archs": archs, "name": self.name, "force": self.force}
         return export(self.source, self.target, self.out, **options)

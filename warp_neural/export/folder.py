@@ -1,7 +1,7 @@
 """Folders that a programmer builds without Python: source text, weights, rows to compare with, and a README."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,19 +12,20 @@ import numpy as np
 from warp_neural import __version__
 from warp_neural.errors import InputError
 from warp_neural.export import cpp
-from warp_neural.export.program import Program, make_program
+from warp_neural.export.cuda import ARCHS, cuda_files
+from warp_neural.export.program import Program, check_finite, digest_of, make_program
 from warp_neural.export.shaders import GROUP, SHADERS
 from warp_neural.export.textures import check_target, texture_rows, texture_source, texture_use
 from warp_neural.imaging.dds import dds_bytes
 from warp_neural.io.files import atomic_path
-from warp_neural.kernels.nn.spec import FORMATS
+from warp_neural.kernels.nn.spec import format_of
 from warp_neural.nn.mlp import MLP
 from warp_neural.nn.network_file import read_state
 from warp_neural.nn.state import NetworkState
 from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.engine_file import engine_state, latent_texture
 
-TARGETS = ("cpp", *SHADERS)
+TARGETS = ("cpp", "cuda", *SHADERS)
 ROWS = 256  # to compare with
 RESERVED = set(
     "alignas alignof and asm auto bitand bitor bool break case catch char class compl const constexpr continue default "
@@ -77,6 +78,7 @@ def export(
     directory: Path | str,
     *,
     precision: str | None = None,
+    archs: Sequence[int] | None = None,
     name: str | None = None,
     force: bool = False,
 ) -> dict[str, Any]:
@@ -84,8 +86,8 @@ def export(
     hash of the network, which they name too.
 
     target: one of `TARGETS`. precision: float32, or float16 for weights and vectors between layers, with sums in
-    float32; that of the network if None. name: of files, and in C++ of the namespace; that of the source's file if
-    None. force: replace what is there.
+    float32 (cuda: any); that of the network if None. archs: of cuda, 90 for compute capability 9.0. name: of files, and
+    in C++ of the namespace; that of the source's file if None. force: replace what is there.
 
     Raises `InputError` for what the target cannot express, with what it can, and for files that are there.
     """
@@ -99,8 +101,15 @@ def export(
         state = source.state if isinstance(source, MLP) else source
     name = identifier(name or Path(where).stem)
     try:
-        program = make_program(state, precision, by_inputs=target == "cpp")
-        files = _files(program, target, name, texture)
+        if archs is not None and target != "cuda":
+            raise InputError(f"archs {archs}: target cuda alone has them")
+        if texture:
+            check_target(target)
+        if target == "cuda":
+            precision, digest, files = _cuda(state, precision, name, archs or ARCHS)
+        else:
+            program = make_program(state, precision, by_inputs=target == "cpp")
+            precision, digest, files = program.precision, program.digest, _files(program, target, name, texture)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     directory = Path(directory)
@@ -111,7 +120,7 @@ def export(
         for file, data in files.items():
             stack.enter_context(atomic_path(directory / file)).write_bytes(data)
     sizes = {str(directory / file): len(data) for file, data in files.items()}
-    return {"target": target, "precision": program.precision, "hash": program.digest, "files": sizes}
+    return {"target": target, "precision": precision, "hash": digest, "files": sizes}
 
 
 def identifier(name: str) -> str:
@@ -120,15 +129,10 @@ def identifier(name: str) -> str:
     return name if re.match(r"[A-Za-z]", name) and name not in RESERVED else f"network_{name}"
 
 
-def _files(program: Program, target: str, name: str, texture: BlockState | None) -> Mapping[str, bytes]:
-    spec, encoding = program.state.spec, program.state.encoding
-    layers = "-".join(map(str, spec.sizes))
-    kind = f"{type(encoding).__name__}, " if encoding else ""
-    about = f"Network {program.digest} ({kind}{layers}, {spec.activation.name}) by Warp Neural {__version__}"
-    if texture:
-        check_target(target)
-    inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(program)
-    files = {"inputs.bin": inputs.astype("<f4").tobytes(), "outputs.bin": outputs.astype("<f4").tobytes()}
+def _files(program: Program, target: str, name: str, texture: BlockState | None) -> dict[str, bytes]:
+    about = about_of(program.state, program.digest)
+    inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(network_of(program.state, program.precision))
+    files = {}
     if target == "cpp":
         texts, use, compared = _cpp(program, name, about)
     else:
@@ -141,10 +145,35 @@ def _files(program: Program, target: str, name: str, texture: BlockState | None)
         texts = {f"{name}.{shader.suffix}": texture_source(target, shader, program, texture, about)}
         use = f"{texture_use(texture, latents)}\n{use}"
         compared = "results are within 2/255, as GPUs filter in fewer bits"
-    about = {"name": name, "about": about, "precision": program.precision, "rows": ROWS}
-    sizes = {"n_in": inputs.shape[1], "n_out": program.n_out}
-    texts["README.md"] = README.format(use=use, compared=compared, **about, **sizes)
-    return files | {file: text.encode() for file, text in texts.items()}
+    rows = with_rows(inputs, outputs, name=name, about=about, precision=program.precision, use=use, compared=compared)
+    return files | {file: text.encode() for file, text in texts.items()} | rows
+
+
+def _cuda(
+    state: NetworkState, precision: str | None, name: str, archs: Sequence[int]
+) -> tuple[str, str, dict[str, bytes]]:
+    """Precision, hash and files."""
+    check_finite(state)
+    net = network_of(state, precision)
+    precision, digest = net.precision, digest_of(state, net.precision)
+    about = about_of(state, digest)
+    files, use = cuda_files(net, name, about, digest, archs)
+    compared = "the program says how far results are off, and how far another device's rounding explains"
+    kind = {"name": name, "about": about, "precision": precision, "use": use, "compared": compared}
+    return precision, digest, files | with_rows(*rows_of(net), **kind)
+
+
+def about_of(state: NetworkState, digest: str) -> str:
+    layers, encoding = "-".join(map(str, state.spec.sizes)), state.encoding
+    kind = f"{type(encoding).__name__}, " if encoding else ""
+    return f"Network {digest} ({kind}{layers}, {state.spec.activation.name}) by Warp Neural {__version__}"
+
+
+def with_rows(inputs: np.ndarray, outputs: np.ndarray, **about: str) -> dict[str, bytes]:
+    """Rows to compare with, and the README, which tells of them and `about` the rest."""
+    readme = README.format(rows=len(inputs), n_in=inputs.shape[1], n_out=outputs.shape[1], **about)
+    files = {"inputs.bin": inputs.astype("<f4").tobytes(), "outputs.bin": outputs.astype("<f4").tobytes()}
+    return files | {"README.md": readme.encode()}
 
 
 def _cpp(program: Program, name: str, about: str) -> tuple[dict[str, str], str, str]:
@@ -170,13 +199,19 @@ def use_of(target: str, name: str) -> str:
     )
 
 
-def rows_of(program: Program) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs from -1 to 1, directions among them of length 1, and what Python makes of them on the CPU."""
+def network_of(state: NetworkState, precision: str | None) -> MLP:
+    """On the CPU, of another precision if one is given, with sums in float32 then."""
+    spec = state.spec
+    if precision:
+        spec = replace(spec, format=format_of(precision), accumulation="float32")
+    return MLP.from_state(replace(state, spec=spec, implementation="cooperative"), device="cpu")
+
+
+def rows_of(net: MLP) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs from -1 to 1, directions among them of length 1, and what Python makes of them."""
     random = np.random.default_rng(0)
-    inputs = random.uniform(-1, 1, (ROWS, program.n_in)).astype(np.float32)
-    if program.n_in == 3:
+    inputs = random.uniform(-1, 1, (ROWS, net.n_in)).astype(np.float32)
+    if net.n_in == 3:
         inputs /= np.linalg.norm(inputs, axis=1, keepdims=True)
-    spec = replace(program.state.spec, format=FORMATS[program.precision], accumulation="float32")
-    net = MLP.from_state(replace(program.state, spec=spec, implementation="cooperative", steps=None), device="cpu")
-    given = inputs.astype(np.float16) if spec.dtype.__name__ == "float16" else inputs
+    given = inputs.astype(np.float16) if net.spec.dtype.__name__ == "float16" else inputs
     return given.astype(np.float32), net.evaluate(given).numpy().astype(np.float32)

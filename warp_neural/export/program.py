@@ -33,8 +33,7 @@ class Program:
     def __post_init__(self) -> None:
         if self.state.count != 1:
             raise InputError(f"{self.state.count} networks in one; save them one by one, each is exported alone")
-        if not all(np.isfinite(x).all() for x in (self.state.parameters, self.state.encoding_parameters)):
-            raise InputError("the parameters hold NaN or infinite values; train the network again")
+        check_finite(self.state)
         for activation in {self.state.spec.activation, self.state.spec.output_activation}:
             portable(activation)
 
@@ -57,11 +56,7 @@ class Program:
 
     @property
     def digest(self) -> str:
-        """Of all that makes the network, 16 hexadecimal digits."""
-        state = self.state
-        text = f"{state.spec} {state.encoding} {self.precision}".encode()
-        data = state.parameters.tobytes() + state.encoding_parameters.tobytes()
-        return hashlib.sha256(text + data).hexdigest()[:16]
+        return digest_of(self.state, self.precision)
 
     @cached_property
     def body(self) -> tuple[Statement, ...]:
@@ -114,6 +109,18 @@ def make_program(state: NetworkState, precision: str | None = None, by_inputs: b
         known = "is not exported yet" if precision in FORMATS else "is unknown"
         raise InputError(f"precision {precision}: {known}; give one of {', '.join(PRECISIONS)}")
     return Program(state, precision, by_inputs)
+
+
+def check_finite(state: NetworkState) -> None:
+    if not all(np.isfinite(x).all() for x in (state.parameters, state.encoding_parameters)):
+        raise InputError("the parameters hold NaN or infinite values; train the network again")
+
+
+def digest_of(state: NetworkState, precision: str) -> str:
+    """Of all that makes the network, 16 hexadecimal digits."""
+    text = f"{state.spec} {state.encoding} {precision}".encode()
+    data = state.parameters.tobytes() + state.encoding_parameters.tobytes()
+    return hashlib.sha256(text + data).hexdigest()[:16]
 
 
 def portable(activation: Activation) -> str:
