@@ -64,7 +64,8 @@ class Program:
         return hashlib.sha256(text + data).hexdigest()[:16]
 
     @cached_property
-    def body(self) -> tuple[Statement, ...]:
+    def encoded(self) -> tuple[Statement, ...]:
+        """`h0`, what the first layer takes, not rounded yet."""
         spec, encoding = self.state.spec, self.state.encoding
         x = tuple(f"x[{i}]" for i in range(self.n_in))
         statements: list[Statement] = [Array("h0", spec.sizes[0])]
@@ -73,6 +74,11 @@ class Program:
             statements.append(Block(type(encoding).__name__, tuple(encoded)))
         else:
             statements += [Set(f"h0[{i}]", value) for i, value in enumerate(x)]
+        return tuple(statements)
+
+    @cached_property
+    def body(self) -> tuple[Statement, ...]:
+        spec, statements = self.state.spec, list(self.encoded)
         if self.precision == "float16":
             statements.append(For("i_input", spec.sizes[0], (Set("h0[i_input]", "to_half(h0[i_input])"),)))
         for l in range(len(spec.layers)):
@@ -91,13 +97,17 @@ class Program:
         loops = ((k, n_in), (n, n_out)) if self.by_inputs else ((n, n_out), (k, n_in))
         (outer, outer_count), (inner, inner_count) = loops
         products = For(outer, outer_count, (For(inner, inner_count, (term,)),))
-        result = portable(spec.activation_of(l))
+        result = self.activated(l)
         if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
             result = f"to_half({result})"
         target = f"y[{o}]" if last else f"h{l + 1}[{o}]"
-        finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, re.sub(r"\bz\b", f"z{l}", result))))
+        finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, result)))
         arrays = [Array(sums, n_out)] + ([] if last else [Array(f"h{l + 1}", n_out)])
         return [*arrays, begin, products, finish]
+
+    def activated(self, l: int) -> str:
+        """What layer l makes of its sum `z{l}`, an expression."""
+        return re.sub(r"\bz\b", f"z{l}", portable(self.state.spec.activation_of(l)))
 
 
 def make_program(state: NetworkState, precision: str | None = None, by_inputs: bool = False) -> Program:
