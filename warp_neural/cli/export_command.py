@@ -16,14 +16,17 @@ class Export:
 
     source: tyro.conf.Positional[Path]
     """.safetensors of a network"""
-    target: Literal["cpp", "glsl", "hlsl", "slang", "wgsl", "msl"]
-    """cpp: a C++17 header for the CPU, with a CMake project; the others compute shaders"""
+    target: Literal["cpp", "glsl", "hlsl", "slang", "wgsl", "msl", "vulkan"]
+    """cpp: a C++17 header for the CPU, with a CMake project; vulkan: SPIR-V with a C++ program that
+    runs it; the others compute shaders"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """folder for the files"""
     precision: Literal["float32", "float16"] | None = None
     """float16 of weights and vectors between layers, sums in float32; that of the network if not given"""
     name: str | None = None
     """of the files and the namespace; that of SOURCE if not given"""
+    cooperative: bool = False
+    """a shader with cooperative vectors beside the plain one: glsl, slang and hlsl, of float16"""
     force: bool = False
     """replace files that are there"""
     json: bool = False
@@ -32,5 +35,5 @@ class Export:
     def main(self) -> dict:
         from warp_neural.export import export  # reads much that the other commands do without
 
-        options = {"precision": self.precision, "name": self.name, "force": self.force}
+        options = {"precision": self.precision, "name": self.name, "force": self.force, "cooperative": self.cooperative}
         return export(self.source, self.target, self.out, **options)

@@ -13,6 +13,37 @@ from warp_neural.export.statements import For, Let, Set
 
 MATRIX, BIAS = 64, 16  # alignment in bytes, as Vulkan asks for
 FILE = "matrices.bin"
+USE = """
+
+`{file}` is the same network with cooperative vectors: {about}. Buffer 3 holds `matrices.bin`, float16: biases, and
+matrices [rows, columns], row major, which begin at these bytes:
+
+| layer | rows | columns | matrix | bias |
+|---|---|---|---|---|
+{rows}
+
+{load} Results are within 1e-2 of the largest."""
+_VULKAN = """Convert each matrix to the inferencing-optimal layout when you load it:
+`vkConvertCooperativeVectorMatrixNV` tells the size, and converts. Biases stay where they are; matrices follow, at
+multiples of 64 bytes, and specialization constants 0 and on are where they begin.
+`{command}` makes SPIR-V{by}. It needs the features cooperativeVector, shaderFloat16 and vulkanMemoryModel."""
+ABOUT = {
+    "glsl": "GL_NV_cooperative_vector, for VK_NV_cooperative_vector",
+    "slang": "CoopVec, for VK_NV_cooperative_vector",
+    "hlsl": "experimental, as proposed for shader model 6.10 (`dx::linalg`), not tried with a compiler",
+}
+LOAD = {
+    "glsl": _VULKAN.format(
+        command="glslangValidator -V --target-env vulkan1.2 {file} -o {name}_cooperative.spv",
+        by=" by glslang 15 or newer",
+    ),
+    "slang": _VULKAN.format(
+        command="slangc {file} -target spirv -entry main -stage compute -o {name}_cooperative.spv", by=""
+    ),
+    "hlsl": """Convert each matrix to the layout `MulOptimal` when you load it, as Direct3D 12 offers it for shader
+model 6.10. Biases stay where they are; matrices follow, at multiples of 128 bytes, and the constant buffer b0 has where
+they begin, a uint each. `dxc -T cs_6_10 -enable-16bit-types -E main {file} -Fo {name}_cooperative.dxil`.""",
+}
 
 
 @dataclass(frozen=True)
@@ -61,6 +92,24 @@ def check(program: Program) -> None:
     largest = max(np.abs(each).max() for each in (*program.state.weights, *program.state.biases))
     if largest > np.finfo(np.float16).max:
         raise InputError(f"a weight or bias of size {largest:g} is beyond float16; export float32 instead")
+
+
+def additions(program: Program, target: str, name: str, about: str) -> tuple[dict[str, bytes], str]:
+    """Files beside those of the plain form, and what the README says of them."""
+    shader = COOPERATIVE[target]()
+    file = f"{name}_cooperative.{shader.suffix}"
+    rows = (f"| {l} | {e.rows} | {e.columns} | {e.matrix} | {e.bias} |" for l, e in enumerate(places(program)))
+    load = LOAD[target].format(file=file, name=name)
+    use = USE.format(file=file, about=ABOUT[target], rows="\n".join(rows), load=load)
+    return {file: shader.source(program, about).encode(), FILE: matrices(program)}, use
+
+
+def check_target(target: str, texture: bool) -> None:
+    if target not in COOPERATIVE:
+        own = "; vulkan has them without asking, of float16" if target == "vulkan" else ""
+        raise InputError(f"cooperative: not for {target}; give one of {', '.join(COOPERATIVE)}{own}")
+    if texture:
+        raise InputError("cooperative: not for textures, whose networks are small; export without it")
 
 
 class Cooperative(Shader):

@@ -11,7 +11,8 @@ import numpy as np
 
 from warp_neural import __version__
 from warp_neural.errors import InputError
-from warp_neural.export import cpp
+from warp_neural.export import cooperative as vectors
+from warp_neural.export import cpp, vulkan
 from warp_neural.export.program import Program, make_program
 from warp_neural.export.shaders import GROUP, SHADERS
 from warp_neural.export.textures import check_target, texture_rows, texture_source, texture_use
@@ -24,7 +25,7 @@ from warp_neural.nn.state import NetworkState
 from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.engine_file import engine_state, latent_texture
 
-TARGETS = ("cpp", *SHADERS)
+TARGETS = ("cpp", *SHADERS, "vulkan")
 ROWS = 256  # to compare with
 RESERVED = set(
     "alignas alignof and asm auto bitand bitor bool break case catch char class compl const constexpr continue default "
@@ -79,13 +80,15 @@ def export(
     precision: str | None = None,
     name: str | None = None,
     force: bool = False,
+    cooperative: bool = False,
 ) -> dict[str, Any]:
     """Write a network, or the file of one, for a program without Python; returns the files with their bytes, and the
     hash of the network, which they name too.
 
     target: one of `TARGETS`. precision: float32, or float16 for weights and vectors between layers, with sums in
     float32; that of the network if None. name: of files, and in C++ of the namespace; that of the source's file if
-    None. force: replace what is there.
+    None. force: replace what is there. cooperative: a shader with cooperative vectors beside the plain one, of GLSL,
+    Slang and HLSL, for precision float16.
 
     Raises `InputError` for what the target cannot express, with what it can, and for files that are there.
     """
@@ -100,7 +103,9 @@ def export(
     name = identifier(name or Path(where).stem)
     try:
         program = make_program(state, precision, by_inputs=target == "cpp")
-        files = _files(program, target, name, texture)
+        if cooperative:
+            vectors.check_target(target, texture is not None)
+        files = _files(program, target, name, texture, cooperative)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     directory = Path(directory)
@@ -120,7 +125,9 @@ def identifier(name: str) -> str:
     return name if re.match(r"[A-Za-z]", name) and name not in RESERVED else f"network_{name}"
 
 
-def _files(program: Program, target: str, name: str, texture: BlockState | None) -> Mapping[str, bytes]:
+def _files(
+    program: Program, target: str, name: str, texture: BlockState | None, cooperative: bool
+) -> Mapping[str, bytes]:
     spec, encoding = program.state.spec, program.state.encoding
     layers = "-".join(map(str, spec.sizes))
     kind = f"{type(encoding).__name__}, " if encoding else ""
@@ -131,9 +138,15 @@ def _files(program: Program, target: str, name: str, texture: BlockState | None)
     files = {"inputs.bin": inputs.astype("<f4").tobytes(), "outputs.bin": outputs.astype("<f4").tobytes()}
     if target == "cpp":
         texts, use, compared = _cpp(program, name, about)
+    elif target == "vulkan":
+        made, use, compared = vulkan.project(program, name, about)
+        files, texts = files | made, {}
     else:
         files["weights.bin"] = program.weights.astype("<f4").tobytes()
         texts, use, compared = _shader(program, target, name, about)
+    if cooperative:
+        more, also = vectors.additions(program, target, name, about)
+        files, use = files | more, use + also
     if texture:
         latents = [f"{name}_latent_{g}.dds" for g in range(len(texture.spec.scales))]
         files |= {file: dds_bytes(latent_texture(texture, g)) for g, file in enumerate(latents)}
