@@ -3,11 +3,9 @@ the driver for each layer, with activations in float again. `matrices.bin` has w
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from warp_neural.errors import InputError
 from warp_neural.export.language import INDENT
-from warp_neural.export.program import Program
+from warp_neural.export.program import Program, fit_float16
 from warp_neural.export.shaders import Glsl, Hlsl, Shader, Slang
 from warp_neural.export.statements import For, Let, Set
 
@@ -89,9 +87,7 @@ def matrices(program: Program) -> bytes:
 def check(program: Program) -> None:
     if program.precision != "float16":
         raise InputError(f"cooperative vectors are of float16, not {program.precision}; give precision float16")
-    largest = max(np.abs(each).max() for each in (*program.state.weights, *program.state.biases))
-    if largest > np.finfo(np.float16).max:
-        raise InputError(f"a weight or bias of size {largest:g} is beyond float16; export float32 instead")
+    fit_float16("bias", program.state.biases)
 
 
 def additions(program: Program, target: str, name: str, about: str) -> tuple[dict[str, bytes], str]:

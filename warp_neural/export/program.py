@@ -15,6 +15,7 @@ from warp_neural.kernels.nn.spec import FORMATS
 from warp_neural.nn.state import NetworkState
 
 PRECISIONS = "float32", "float16"
+INFINITE = 65520.0  # in float16, and all beyond
 FUNCTIONS = {"exp", "log", "tanh", "erf", "sin", "cos", "sqrt", "abs"}
 
 
@@ -35,6 +36,8 @@ class Program:
             raise InputError(f"{self.state.count} networks in one; save them one by one, each is exported alone")
         if not all(np.isfinite(x).all() for x in (self.state.parameters, self.state.encoding_parameters)):
             raise InputError("the parameters hold NaN or infinite values; train the network again")
+        if self.precision == "float16":
+            fit_float16("weight", self.state.weights)
         for activation in {self.state.spec.activation, self.state.spec.output_activation}:
             portable(activation)
 
@@ -124,6 +127,12 @@ def make_program(state: NetworkState, precision: str | None = None, by_inputs: b
         known = "is not exported yet" if precision in FORMATS else "is unknown"
         raise InputError(f"precision {precision}: {known}; give one of {', '.join(PRECISIONS)}")
     return Program(state, precision, by_inputs)
+
+
+def fit_float16(what: str, arrays: list[np.ndarray]) -> None:
+    """Raises `InputError` for what would be infinite."""
+    if (largest := max(np.abs(each).max() for each in arrays)) >= INFINITE:
+        raise InputError(f"a {what} of size {largest:g} is beyond float16; give precision float32")
 
 
 def portable(activation: Activation) -> str:
