@@ -13,18 +13,24 @@ MATRIX, BIAS = 64, 16  # alignment in bytes, as Vulkan asks for
 FILE = "matrices.bin"
 USE = """
 
-`{file}` is the same network with cooperative vectors: {about}. Buffer 3 holds `matrices.bin`, float16: biases, and
-matrices [rows, columns], row major, which begin at these bytes:
+`{file}` is the same network with cooperative vectors:
+{about}.
+Buffer 3 holds `matrices.bin`, float16: biases, and matrices [rows, columns], row major, which begin at these bytes:
 
 | layer | rows | columns | matrix | bias |
 |---|---|---|---|---|
 {rows}
 
-{load} Results are within 1e-2 of the largest."""
+{load}
+Results are within 1e-2 of the largest."""
 _VULKAN = """Convert each matrix to the inferencing-optimal layout when you load it:
 `vkConvertCooperativeVectorMatrixNV` tells the size, and converts. Biases stay where they are; matrices follow, at
 multiples of 64 bytes, and specialization constants 0 and on are where they begin.
-`{command}` makes SPIR-V{by}. It needs the features cooperativeVector, shaderFloat16 and vulkanMemoryModel."""
+It needs the features cooperativeVector, shaderFloat16 and vulkanMemoryModel.
+{by} makes SPIR-V:
+
+    {command}
+"""
 ABOUT = {
     "glsl": "GL_NV_cooperative_vector, for VK_NV_cooperative_vector",
     "slang": "CoopVec, for VK_NV_cooperative_vector",
@@ -36,7 +42,7 @@ LOAD = {
         by=" by glslang 15 or newer",
     ),
     "slang": _VULKAN.format(
-        command="slangc {file} -target spirv -entry main -stage compute -o {name}_cooperative.spv", by=""
+        command="slangc {file} -target spirv -entry main -stage compute -o {name}_cooperative.spv", by="Slang"
     ),
     "hlsl": """Convert each matrix to the layout `MulOptimal` when you load it, as Direct3D 12 offers it for shader
 model 6.10. Biases stay where they are; matrices follow, at multiples of 128 bytes, and the constant buffer b0 has where

@@ -49,7 +49,7 @@ inline constexpr Layer layers[] = {{
 USE = """`{name}.spv` is the network as a compute shader in SPIR-V, `{name}.comp` its text: entry `main`, a thread a
 row, groups of {group}. Buffers of set 0: 0 weights (`weights.bin`, float32), 1 inputs, 2 results, as many rows as they
 hold.
-{also}
+
 `main.cpp` and the headers beside it are a C++17 program that loads Vulkan when it runs, evaluates the rows below,
 compares, and times 65,536 of them. It needs Vulkan's headers to build (libvulkan-dev, the Vulkan SDK, or
 github.com/KhronosGroup/Vulkan-Headers), any of 1.2 and newer, and a driver to run:
@@ -58,7 +58,11 @@ github.com/KhronosGroup/Vulkan-Headers), any of 1.2 and newer, and a driver to r
 
 builds and runs it; so does `g++ -std=c++17 -O2 main.cpp -ldl && ./a.out`. It prints the devices; `--device N` takes
 one, `--rows N` times others than 65,536, `--plain` does without cooperative vectors. Exit code 1: results are off; 2:
-refused; 77: there is no Vulkan."""
+refused; 77: there is no Vulkan.{also}"""
+ALSO = """
+
+`{name}_cooperative.spv` is for devices with VK_NV_cooperative_vector, and the program takes it there; for your own
+programs, `cooperative.hpp` has what follows.{use}"""
 NAME = re.compile(r"(?<![A-Z_])NAME(?![A-Z])")
 
 
@@ -71,7 +75,7 @@ def project(program: Program, name: str, about: str) -> tuple[dict[str, bytes], 
     if halves:
         files[f"{name}_cooperative.spv"] = spirv.cooperative(program, about)
         more, use = additions(program, "glsl", name, about)
-        files, also = files | more, f"`{name}_cooperative.spv` too.{use}\n"
+        files, also = files | more, ALSO.format(name=name, use=use)
     for file in SOURCES:
         text = (TEXT / "vulkan" / file).read_text().replace("add_test(NAME", "add_test(\0")
         files[file] = NAME.sub(name, text).replace("\0", "NAME").encode()
