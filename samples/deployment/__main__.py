@@ -5,7 +5,8 @@
 Leaves a folder for each target, which builds without Python, and deployment.png: Python's picture, each target's, what
 ran it, how long 65,536 pixels took and the largest difference from Python. What this machine cannot build or run is
 exported all the same, and the table says what is missing: g++; wgpu with a driver (pip install wgpu); glslangValidator;
-slangc, which pip's slangtorch carries. Times are of a second run, with copies; a software driver takes its time.
+slangc, which pip's slangtorch carries; Vulkan's headers. vulkan alone is not exported without one of these compilers.
+Times are of a second run, with copies, but vulkan's of the device's work; a software driver takes its time.
 """
 
 import shutil
@@ -21,7 +22,7 @@ from warp_neural import cli
 from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, export
 from warp_neural.nn.mlp import MLP
-from warp_neural.samples.deployment import webgpu
+from warp_neural.samples.deployment import vulkan, webgpu
 from warp_neural.samples.figures import save_figure, show
 from warp_neural.samples.network import step_04_frequency_encoding
 from warp_neural.samples.network.step_01_basic_network import train
@@ -79,6 +80,8 @@ def run_shader(language: str, folder: Path, inputs: np.ndarray, n_out: int) -> R
 def run_target(target: str, folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
     if target == "cpp":
         return run_cpp(folder, inputs, expected)
+    if target == "vulkan":
+        return Run(*vulkan.evaluate(folder, inputs, expected))
     if target in webgpu.LANGUAGES:
         return run_shader(target, folder, inputs, expected.shape[1])
     return Run("not run: no compiler here")
@@ -93,7 +96,13 @@ def runs(net: MLP, config: Config, targets: list[str], size: tuple[int, int]) ->
     yield "python", 0, 0.0, Run("Warp, cpu", expected)
     for target in targets:
         folder = config.out / target
-        made = export(net, target, folder, name=NAME, force=True)
+        try:
+            made = export(net, target, folder, name=NAME, force=True)
+        except InputError as error:
+            if target != "vulkan":
+                raise
+            yield target, 0, 0.0, Run(f"not run: {error}")
+            continue
         run = run_target(target, folder, inputs, expected)
         difference = float(np.abs(run.results - expected).max()) if run.results is not None else 0.0
         yield target, sum(made["files"].values()), difference, run

@@ -52,9 +52,10 @@ template <class T, int M, int K> coopvecNV<T, M> product(coopvecNV<T, K> x, Byte
 constexpr int gl_ComponentTypeFloat16NV = 0, gl_CooperativeVectorMatrixLayoutInferencingOptimalNV = 2;
 template <class T, int M, int K>
 void coopVecMatMulAddNV(coopvecNV<T, M>& y, coopvecNV<T, K> x, int type, Bytes matrices, uint matrix, int of_matrix,
-                        Bytes biases, uint bias, int of_bias, uint rows, uint columns, int layout, bool transposed, uint) {
-    if (rows != M || columns != K || type + of_matrix + of_bias || layout != 2 || transposed || matrix % 64 || bias % 16)
-        std::abort();
+                        Bytes biases, uint bias, int of_bias, uint rows, uint columns, int layout, bool transposed,
+                        uint) {
+    if (rows != M || columns != K || type + of_matrix + of_bias || layout != 2 || transposed) std::abort();
+    if (matrix % 64 || bias % 16) std::abort();
     y = product<T, M>(x, matrices + matrix, biases + bias);
 }
 

@@ -39,7 +39,7 @@ ABOUT = {
 LOAD = {
     "glsl": _VULKAN.format(
         command="glslangValidator -V --target-env vulkan1.2 {file} -o {name}_cooperative.spv",
-        by=" by glslang 15 or newer",
+        by="Glslang 15 or newer",
     ),
     "slang": _VULKAN.format(
         command="slangc {file} -target spirv -entry main -stage compute -o {name}_cooperative.spv", by="Slang"

@@ -21,8 +21,12 @@ def slangc() -> Path | None:
     """On the path, or in the package slangtorch, which is not imported: that would need PyTorch."""
     if found := shutil.which("slangc"):
         return Path(found)
-    spec = find_spec("slangtorch")
-    return Path(spec.origin).parent / "bin" / "slangc" if spec else None
+    if not (spec := find_spec("slangtorch")):
+        return None
+    compiler = Path(spec.origin).parent / "bin" / "slangc"
+    if not os.access(compiler, os.X_OK):
+        compiler.chmod(0o755)  # pip forgets it
+    return compiler
 
 
 def missing() -> str | None:
@@ -58,8 +62,6 @@ def _by_slangc(source: str, remedy: str) -> bytes:
     compiler = slangc()
     if not compiler:
         raise InputError(f"target vulkan makes SPIR-V, {remedy}")
-    if not os.access(compiler, os.X_OK):
-        compiler.chmod(0o755)  # pip forgets it
     environment = {**os.environ, "LD_LIBRARY_PATH": str(compiler.parent)}
     options = ["-target", "spirv", "-O0", "-entry", "main", "-stage", "compute"]  # -O0: slangtorch has no optimizer
     return _compiled([str(compiler), *options], source, "network.slang", environment)

@@ -10,10 +10,10 @@ constexpr VkComponentTypeKHR VK_COMPONENT_TYPE_FLOAT16_KHR = 0;
 #endif
 #ifndef VK_NV_cooperative_vector
 #define VK_NV_COOPERATIVE_VECTOR_EXTENSION_NAME "VK_NV_cooperative_vector"
-constexpr VkStructureType VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_COOPERATIVE_VECTOR_FEATURES_NV = VkStructureType(1000491000);
-constexpr VkStructureType VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_COOPERATIVE_VECTOR_PROPERTIES_NV = VkStructureType(1000491001);
-constexpr VkStructureType VK_STRUCTURE_TYPE_COOPERATIVE_VECTOR_PROPERTIES_NV = VkStructureType(1000491002);
-constexpr VkStructureType VK_STRUCTURE_TYPE_CONVERT_COOPERATIVE_VECTOR_MATRIX_INFO_NV = VkStructureType(1000491004);
+constexpr auto VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_COOPERATIVE_VECTOR_FEATURES_NV = VkStructureType(1000491000);
+constexpr auto VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_COOPERATIVE_VECTOR_PROPERTIES_NV = VkStructureType(1000491001);
+constexpr auto VK_STRUCTURE_TYPE_COOPERATIVE_VECTOR_PROPERTIES_NV = VkStructureType(1000491002);
+constexpr auto VK_STRUCTURE_TYPE_CONVERT_COOPERATIVE_VECTOR_MATRIX_INFO_NV = VkStructureType(1000491004);
 typedef uint32_t VkCooperativeVectorMatrixLayoutNV;
 constexpr VkCooperativeVectorMatrixLayoutNV VK_COOPERATIVE_VECTOR_MATRIX_LAYOUT_ROW_MAJOR_NV = 0;
 constexpr VkCooperativeVectorMatrixLayoutNV VK_COOPERATIVE_VECTOR_MATRIX_LAYOUT_INFERENCING_OPTIMAL_NV = 2;
@@ -181,7 +181,7 @@ struct Matrices {
         std::vector<size_t> sizes(count);
         std::vector<VkConvertCooperativeVectorMatrixInfoNV> infos(count);
         size_t end = biases;
-        for (size_t i = 0; i < count; ++i) {  // sizes first: without a destination, that is all that the host's form does
+        for (size_t i = 0; i < count; ++i) {  // sizes first: all that the host's form does without a destination
             infos[i] = conversion(NAME::layers[i], &sizes[i]);
             check(convert(on.device, &infos[i]), "vkConvertCooperativeVectorMatrixNV");
             offsets.push_back(static_cast<uint32_t>(end));

@@ -127,14 +127,16 @@ struct Network {
         offsets = converted.offsets;
     }
 
+    size_t most_rows() const {
+        const VkPhysicalDeviceLimits& limits = on.properties.limits;
+        return std::min(size_t(limits.maxComputeWorkGroupCount[0]) * NAME::group,
+                        limits.maxStorageBufferRange / sizeof(float) / std::max(NAME::inputs, NAME::outputs));
+    }
+
     // Results of rows, and sorted milliseconds of runs.
     std::vector<float> evaluate(const std::vector<float>& x, std::vector<double>& times) const {
         const size_t rows = x.size() / NAME::inputs, groups = (rows + NAME::group - 1) / NAME::group;
         std::vector<float> y(rows * NAME::outputs);
-        const size_t largest = std::max(x.size(), y.size()) * sizeof(float);
-        const VkPhysicalDeviceLimits& limits = on.properties.limits;
-        if (groups > limits.maxComputeWorkGroupCount[0] || largest > limits.maxStorageBufferRange)
-            throw Failure(REFUSED, std::to_string(rows) + " rows are too many for this device; give fewer");
         const Buffer from = on.uploaded(x.data(), x.size() * sizeof(float));
         const Buffer to = on.buffer(y.size() * sizeof(float), false);
         std::vector<Buffer> buffers = {weights, from, to};
@@ -156,8 +158,9 @@ static size_t chosen(const Options& options, const std::vector<VkPhysicalDevice>
         about.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2;
         vkGetPhysicalDeviceProperties2(all[i], &about);
         const uint32_t version = about.properties.apiVersion;
-        std::printf("device %zu: %s, Vulkan %u.%u.%u, %s\n", i, about.properties.deviceName, VK_API_VERSION_MAJOR(version),
-                    VK_API_VERSION_MINOR(version), VK_API_VERSION_PATCH(version), has[i].says().c_str());
+        std::printf("device %zu: %s, Vulkan %u.%u.%u, %s\n", i, about.properties.deviceName,
+                    VK_API_VERSION_MAJOR(version), VK_API_VERSION_MINOR(version), VK_API_VERSION_PATCH(version),
+                    has[i].says().c_str());
     }
     if (options.device >= static_cast<long>(all.size()))
         throw Failure(REFUSED, "--device " + std::to_string(options.device) + ": there are " +
@@ -211,13 +214,16 @@ static int compare(const Options& options) {
     if (there == 0 || given.size() % NAME::inputs || expected.size() != there * NAME::outputs)
         throw Failure(REFUSED, options.folder + ": inputs.bin and outputs.bin do not match; export it again");
     const Network network(options, all[at], has[at], cooperative);
-    std::vector<float> x(std::max(size_t(options.rows), there) * NAME::inputs);
+    const size_t rows = std::max(size_t(options.rows), there), most = network.most_rows();
+    if (rows > most)
+        throw Failure(REFUSED, "--rows " + std::to_string(rows) + ": this device takes " + std::to_string(most) +
+                                   " at most");
+    std::vector<float> x(rows * NAME::inputs);
     for (size_t i = 0; i < x.size(); ++i) x[i] = given[i % given.size()];
     std::vector<double> times;
     const std::vector<float> y = network.evaluate(x, times);
     const double difference = off(y, expected);
     const double allowed = cooperative ? NAME::cooperative_tolerance : NAME::tolerance;
-    const size_t rows = x.size() / NAME::inputs;
     std::printf("device %zu, %s: %zu rows, off by %.2g of the largest result at most, allowed is %g\n", at,
                 cooperative ? "cooperative vectors" : "plain", rows, difference, allowed);
     const double median = times[times.size() / 2];

@@ -1,5 +1,5 @@
-// Vulkan for compute, its loader opened at run time: building takes headers only. Nothing is destroyed but what is large:
-// the process ends soon.
+// Vulkan for compute, its loader opened at run time: building takes headers only. Nothing is destroyed but what is
+// large: the process ends soon.
 #pragma once
 #define VK_NO_PROTOTYPES
 #include <vulkan/vulkan.h>
@@ -56,13 +56,13 @@ inline void open_loader() {
     void* library = dlopen(file, RTLD_NOW | RTLD_LOCAL);
     void* found = library ? dlsym(library, "vkGetInstanceProcAddr") : nullptr;
 #endif
-    if (!found) throw Failure(NO_VULKAN, std::string(file) + " is not here: install a GPU's driver, or Vulkan's loader");
+    if (!found) throw Failure(NO_VULKAN, std::string(file) + " is not here: install a GPU's driver or Vulkan's loader");
     vkGetInstanceProcAddr = reinterpret_cast<PFN_vkGetInstanceProcAddr>(found);
 }
 
 // All devices of all drivers.
 inline std::vector<VkPhysicalDevice> devices(VkInstance& instance) {
-    const char* remedy = "no device with Vulkan 1.1: install a GPU's driver (or Mesa's software driver); `vulkaninfo` lists";
+    const char* remedy = "no device with Vulkan 1.1: install a GPU's driver, or Mesa's for the CPU";
     open_loader();
     const auto create = reinterpret_cast<PFN_vkCreateInstance>(vkGetInstanceProcAddr(nullptr, "vkCreateInstance"));
     VkApplicationInfo about = {VK_STRUCTURE_TYPE_APPLICATION_INFO, nullptr, "NAME", 0, "", 0, VK_API_VERSION_1_2};
