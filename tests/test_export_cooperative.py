@@ -20,8 +20,11 @@ from warp_neural.export.program import Program, make_program
 from warp_neural.texture.engine import EngineTexture
 
 NATIVE = Path(__file__).parent / "native"
-RUNS = {"glsl": ["linear", "elu", "gelu", "HashGrid", "Concatenate"], "slang": ["squareplus", "Frequency"]}
-RUNS["hlsl"] = ["sigmoid", "LatentTexture"]
+RUNS = {
+    "glsl": ["relu", "linear", "elu", "gelu", "HashGrid", "Concatenate"],
+    "slang": ["relu", "squareplus", "Frequency"],
+}
+RUNS["hlsl"] = ["relu", "sigmoid", "LatentTexture"]
 RUN = """#include <cstdio>
 #include <cstdlib>
 #include "cooperative.h"

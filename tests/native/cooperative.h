@@ -28,8 +28,16 @@ inline float asfloat(uint bits) { return bits_as<float>(bits); }
 
 template <class T, int N> struct coopvecNV {
     T values[N];
+    coopvecNV() = default;
+    explicit coopvecNV(T value) {
+        for (T& each : values) each = value;
+    }
     T& operator[](int i) { return values[i]; }
 };
+template <class T, int N> coopvecNV<T, N> max(coopvecNV<T, N> a, coopvecNV<T, N> b) {
+    for (int i = 0; i < N; ++i) a[i] = max(float(a[i]), float(b[i]));
+    return a;
+}
 template <class T, int N> using CoopVec = coopvecNV<T, N>;
 template <class T, int N> using vector = coopvecNV<T, N>;
 

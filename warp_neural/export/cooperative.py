@@ -8,7 +8,9 @@ from warp_neural.export.language import INDENT
 from warp_neural.export.program import Program, fit_float16
 from warp_neural.export.shaders import Glsl, Hlsl, Shader, Slang
 from warp_neural.export.statements import For, Let, Set
+from warp_neural.kernels.nn import activations
 
+RELU = activations.relu.value
 MATRIX, BIAS = 64, 16  # alignment in bytes, as Vulkan asks for
 FILE = "matrices.bin"
 USE = """
@@ -26,7 +28,7 @@ Results are within 1e-2 of the largest."""
 _VULKAN = """Convert each matrix to the inferencing-optimal layout when you load it:
 `vkConvertCooperativeVectorMatrixNV` tells the size, and converts. Biases stay where they are; matrices follow, at
 multiples of 64 bytes, and specialization constants 0 and on are where they begin.
-It needs the features cooperativeVector, shaderFloat16 and vulkanMemoryModel.
+It needs the features cooperativeVector, shaderReplicatedComposites, shaderFloat16 and vulkanMemoryModel.
 {by} makes SPIR-V:
 
     {command}
@@ -115,14 +117,15 @@ def check_target(target: str, texture: bool) -> None:
 
 
 class Cooperative(Shader):
-    """product: a layer of `from` to `to`. vector: a declaration; unroll: before a loop over components, which drivers
-    keep in registers. offset: the declaration of where a matrix begins, which hosts set."""
+    """product: layer `l`. vector: a declaration; zero: a vector of zeros; unroll: before a loop over components, which
+    drivers keep in registers. offset: the declaration of where a matrix begins, which hosts set."""
 
     matrices: str
     offset: str
     offsets = "{all}"
     using = ""
     vector: str
+    zero: str
     product: str
     unroll: str
 
@@ -149,6 +152,8 @@ class Cooperative(Shader):
         o, z, value = f"o{l}", f"z{l}", program.activated(l)
         if not last and spec.activation_of(l).name == "linear":
             return ""
+        if not last and spec.activation_of(l).value == RELU:  # whole, which is faster
+            return f"{INDENT}v{l + 1} = max(v{l + 1}, {self.zero.format(size=spec.layers[l][1])});\n"
         target, result = (f"y[{o}]", value) if last else (f"v{l + 1}[{o}]", f"float16_t({value})")
         each = Let(z, "float", f"float(v{l + 1}[{o}])"), Set(target, result)
         return self._components(For(o, spec.layers[l][1], each))
@@ -169,6 +174,7 @@ class CooperativeGlsl(Cooperative, Glsl):
     matrices = "layout(std430, binding = 3) readonly buffer Matrices { uint matrices[]; };"
     offset = "layout(constant_id = {l}) const uint matrix{l} = 0;"
     vector = "coopvecNV<float16_t, {size}> {name};"
+    zero = "coopvecNV<float16_t, {size}>(float16_t(0.0))"
     product = """coopVecMatMulAddNV(v{to}, v{l}, gl_ComponentTypeFloat16NV, matrices, matrix{l},
         gl_ComponentTypeFloat16NV, matrices, {bias}u, gl_ComponentTypeFloat16NV, {rows}u, {columns}u,
         gl_CooperativeVectorMatrixLayoutInferencingOptimalNV, false, 0u);"""
@@ -179,6 +185,7 @@ class CooperativeSlang(Cooperative, Slang):
     matrices = "[[vk::binding(3)]] ByteAddressBuffer matrices;"
     offset = "[[vk::constant_id({l})]] const uint matrix{l} = 0;"
     vector = "CoopVec<float16_t, {size}> {name};"
+    zero = "CoopVec<float16_t, {size}>(float16_t(0.0))"
     product = """v{to} = coopVecMatMulAdd<float16_t, {rows}, {columns}>(v{l}, CoopVecComponentType.Float16,
         matrices, int(matrix{l}), CoopVecComponentType.Float16, matrices, {bias}, CoopVecComponentType.Float16,
         CoopVecMatrixLayout.InferencingOptimal, false, 0);"""
@@ -194,6 +201,7 @@ class CooperativeHlsl(Cooperative, Hlsl):
     offset = INDENT + "uint matrix{l};"
     using = f"{INDENT}using namespace dx::linalg;\n"
     vector = "vector<float16_t, {size}> {name};"
+    zero = "(vector<float16_t, {size}>)0"
     product = """VectorRef<ComponentType::F16, {rows}> bias{l} = {{matrices, {bias}}};
     v{to} = MultiplyAdd<float16_t>(
         Matrix<ComponentType::F16, {rows}, {columns}, MatrixUse::A, MatrixScope::Thread>::Load<

@@ -58,7 +58,8 @@ github.com/KhronosGroup/Vulkan-Headers), any of 1.2 and newer, and a driver to r
 
 builds and runs it; so does `g++ -std=c++17 -O2 main.cpp -ldl && ./a.out`. It prints the devices; `--device N` takes
 one, `--rows N` times others than 65,536, `--plain` does without cooperative vectors. Exit code 1: results are off; 2:
-refused; 77: there is no Vulkan.{also}"""
+refused; 77: there is no Vulkan. NVIDIA's driver without a display may need a JSON file in VK_DRIVER_FILES that
+names libEGL_nvidia.so.0.{also}"""
 ALSO = """
 
 `{name}_cooperative.spv` is for devices with VK_NV_cooperative_vector, and the program takes it there; for your own

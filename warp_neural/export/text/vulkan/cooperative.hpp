@@ -56,7 +56,7 @@ typedef VkResult(VKAPI_PTR* PFN_vkConvertCooperativeVectorMatrixNV)(VkDevice,
 typedef void(VKAPI_PTR* PFN_vkCmdConvertCooperativeVectorMatrixNV)(VkCommandBuffer, uint32_t,
                                                                    const VkConvertCooperativeVectorMatrixInfoNV*);
 #endif
-constexpr char REPLICATED[] = "VK_EXT_shader_replicated_composites";  // which slangc's modules use
+constexpr char REPLICATED[] = "VK_EXT_shader_replicated_composites";
 
 // What a device has of all this, as its driver says; `features` is a chain for vkCreateDevice.
 struct Cooperation {
@@ -135,6 +135,8 @@ struct Cooperation {
         if (widest > limits.maxCooperativeVectorComponents)
             return "VK_NV_cooperative_vector of " + std::to_string(limits.maxCooperativeVectorComponents) +
                    " components at most, where this network needs " + std::to_string(widest);
+        if (!replicates.shaderReplicatedComposites)
+            return "VK_NV_cooperative_vector without shaderReplicatedComposites";
         if (!version12.shaderFloat16 || !version12.vulkanMemoryModel || !version12.bufferDeviceAddress)
             return "VK_NV_cooperative_vector without shaderFloat16, vulkanMemoryModel or bufferDeviceAddress";
         return "";
@@ -161,9 +163,7 @@ struct Cooperation {
     }
 
     std::vector<const char*> extensions() const {
-        std::vector<const char*> names = {VK_NV_COOPERATIVE_VECTOR_EXTENSION_NAME};
-        if (replicated) names.push_back(REPLICATED);
-        return names;
+        return {VK_NV_COOPERATIVE_VECTOR_EXTENSION_NAME, REPLICATED};
     }
 };
 

@@ -228,7 +228,7 @@ static int compare(const Options& options) {
                 cooperative ? "cooperative vectors" : "plain", rows, difference, allowed);
     const double median = times[times.size() / 2];
     if (median > 0.0)
-        std::printf("%.4f ms, the median of %zu runs: %.3g million rows a second\n", median, times.size(),
+        std::printf("%.4f ms, the median of %zu runs: %.4g million rows a second\n", median, times.size(),
                     1e-3 * double(rows) / median);
     if (!options.results.empty()) write(options.results, "", y.data(), there * NAME::outputs * sizeof(float));
     if (!options.image.empty()) save_image(options.image, network);
