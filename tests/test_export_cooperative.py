@@ -90,17 +90,10 @@ def test_matrices_hold_what_products_read():
     np.testing.assert_allclose(x, case.outputs, atol=2e-3 * np.abs(case.outputs).max())
 
 
-def newer_glslang() -> bool:
-    if not shutil.which("glslangValidator"):
-        return False
-    done = subprocess.run(["glslangValidator", "--version"], capture_output=True, text=True)
-    return int(re.search(r"Version: \d+:(\d+)", done.stdout)[1]) >= 15
-
-
 @pytest.mark.parametrize("name", ["relu", "HashGrid", "Concatenate"])
 @pytest.mark.parametrize("language", ["glsl", "slang"])
 def test_compilers_take_them(language, name, tmp_path, monkeypatch):
-    if language == "glsl" and not newer_glslang():
+    if language == "glsl" and spirv.glslang() < spirv.COOPERATIVE:
         pytest.skip("no glslangValidator 15 or newer: .ci/tools says how to get it")
     if language == "slang" and not spirv.slangc():
         pytest.skip("no slangc: pip install --no-deps slangtorch")

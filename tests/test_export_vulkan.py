@@ -15,12 +15,11 @@ from PIL import Image
 import warp_neural as wn
 from warp_neural.errors import InputError
 from warp_neural.export import export, spirv
-from warp_neural.export.cooperative import COOPERATIVE
 from warp_neural.export.program import make_program
 from warp_neural.samples.deployment import vulkan
 from warp_neural.texture.engine import EngineTexture
 
-WARNINGS = "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1"
+WARNINGS = "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O0"
 NOWHERE = {"VK_ICD_FILENAMES": "/nowhere.json", "VK_DRIVER_FILES": "/nowhere.json"}
 DONE = re.compile(r"device \d+, (.*): (\d+) rows, off by (\S+) of the largest result at most, allowed is (\S+)")
 
@@ -40,7 +39,7 @@ def finished(program: Path, *arguments: str) -> str:
 
 
 def program_of(source, folder: Path, **options) -> Path:
-    if lacking := vulkan.missing():
+    if lacking := spirv.missing("float16") or vulkan.missing():
         pytest.skip(f"no {lacking}: .ci/tools says how to get it")
     export(source, "vulkan", folder, name="net", **options)
     return vulkan.built(folder, folder / "program", *WARNINGS)
@@ -183,11 +182,14 @@ def test_without_compilers(tmp_path, monkeypatch):
         InputError, match=r"network: target vulkan makes SPIR-V, install glslangValidator .*, or slangc"
     ):
         export(net, "vulkan", tmp_path / "out")
-    assert spirv.missing() == "glslangValidator or slangc" and not (tmp_path / "out").exists()
+    assert not (tmp_path / "out").exists()
+    assert [spirv.missing(precision) for precision in ("float32", "float16")] == [
+        "glslangValidator or slangc",
+        "glslangValidator 15 or newer or slangc",
+    ]
     monkeypatch.setattr(spirv.shutil, "which", which)
-    if shutil.which("glslangValidator"):
-        old = COOPERATIVE["glsl"].first.replace("GL_NV_cooperative_vector", "GL_NV_cooperative_vector_unknown")
-        monkeypatch.setattr(COOPERATIVE["glsl"], "first", old)
+    if spirv.glslang():
+        monkeypatch.setattr(spirv, "glslang", lambda: 12)
         with pytest.raises(InputError, match=r"float16 has cooperative vectors: install .*; 15 or newer.*float32"):
             export(net, "vulkan", tmp_path / "out")
 

@@ -9,6 +9,7 @@ from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, spirv
 from warp_neural.imaging.image import load_image, save_image
 from warp_neural.samples.deployment import __main__ as deployment
+from warp_neural.samples.deployment import vulkan
 
 
 def test_every_target(tmp_path, device):
@@ -21,11 +22,12 @@ def test_every_target(tmp_path, device):
     assert (tmp_path / "out" / "cpp" / "picture.hpp").is_file() and metrics["how_msl"].startswith("not run")
     for target in TARGETS:
         ran = not metrics[f"how_{target}"].startswith("not run")
-        exported = target != "vulkan" or not spirv.missing()
+        exported = target != "vulkan" or not spirv.missing("float32")
         assert ran == (f"difference_{target}" in metrics) and (metrics[f"bytes_{target}"] > 1000) == exported
         if ran:
             exact = target == "cpp"
             assert metrics[f"difference_{target}"] <= (0 if exact else 1e-2 if device.is_cuda else 1e-5)
+    assert not vulkan.missing() or metrics["how_vulkan"] == f"not run: no {vulkan.missing()}"
     assert (metrics["how_cpp"] == "g++") == bool(shutil.which("g++"))
     assert load_image(tmp_path / "out" / "deployment.png").std() > 0.05
 

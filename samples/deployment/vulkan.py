@@ -8,17 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_neural.export import spirv
-
 FILES = "*.spv", "weights.bin", "matrices.bin"
 NO_DRIVER = 77
 
 
 @cache
 def missing() -> str | None:
-    """What it takes to export a folder and to build its program, and is not there."""
-    if lacking := spirv.missing():
-        return lacking
+    """What it takes to build a folder's program, and is not there."""
     if not shutil.which("g++"):
         return "g++"
     command = ["g++", "-fsyntax-only", "-x", "c++", "-include", "vulkan/vulkan.h", "/dev/null"]

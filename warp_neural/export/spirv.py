@@ -1,6 +1,7 @@
 """SPIR-V by the compilers that are here: glslangValidator, or slangc."""
 
 import os
+import re
 import shutil
 import subprocess
 from importlib.util import find_spec
@@ -14,7 +15,7 @@ from warp_neural.export.shaders import Glsl, Shader, Slang
 
 REMEDY = """install glslangValidator (Debian's glslang-tools, the Vulkan SDK{newer}), or slangc: \
 pip install --no-deps slangtorch"""
-EXTENSION = "GL_NV_cooperative_vector"
+COOPERATIVE = 15  # glslang's first version with cooperative vectors
 
 
 def slangc() -> Path | None:
@@ -29,26 +30,34 @@ def slangc() -> Path | None:
     return compiler
 
 
-def missing() -> str | None:
+def glslang() -> int:
+    """Of glslangValidator on the path the major version, 0 if there is none."""
+    if not shutil.which("glslangValidator"):
+        return 0
+    said = subprocess.run(["glslangValidator", "--version"], capture_output=True, text=True).stdout
+    found = re.search(r"Glslang Version: \d+:(\d+)", said)
+    return int(found[1]) if found else 1
+
+
+def missing(precision: str) -> str | None:
     """What it takes to make SPIR-V and is not here."""
-    return None if shutil.which("glslangValidator") or slangc() else "glslangValidator or slangc"
+    newer = precision == "float16"
+    if glslang() >= (COOPERATIVE if newer else 1) or slangc():
+        return None
+    return f"glslangValidator{f' {COOPERATIVE} or newer' if newer else ''} or slangc"
 
 
 def plain(program: Program, about: str) -> bytes:
     """By glslangValidator if it is there: drivers hang on what slangc gives without its optimizer, Mesa's for one."""
-    if not shutil.which("glslangValidator"):
+    if not glslang():
         return _by_slangc(Slang().source(program, about), REMEDY.format(newer=""))
     return _by_glslang(Glsl(), program, about, "vulkan1.1")
 
 
 def cooperative(program: Program, about: str) -> bytes:
-    if shutil.which("glslangValidator"):
-        try:
-            return _by_glslang(CooperativeGlsl(), program, about, "vulkan1.2")
-        except InputError as error:
-            if EXTENSION not in str(error):
-                raise
-    remedy = f"float16 has cooperative vectors: {REMEDY.format(newer='; 15 or newer')}, or give precision float32"
+    if glslang() >= COOPERATIVE:
+        return _by_glslang(CooperativeGlsl(), program, about, "vulkan1.2")
+    remedy = f"float16 has cooperative vectors: {REMEDY.format(newer=f'; {COOPERATIVE} or newer')}, or take float32"
     return _by_slangc(CooperativeSlang().source(program, about), remedy)
 
 
