@@ -113,7 +113,7 @@ def check_target(target: str, texture: bool) -> None:
         own = "; vulkan has them without asking, of float16" if target == "vulkan" else ""
         raise InputError(f"cooperative: not for {target}; give one of {', '.join(COOPERATIVE)}{own}")
     if texture:
-        raise InputError("cooperative: not for textures, whose networks are small; export without it")
+        raise InputError("cooperative: not for textures yet; export without it")
 
 
 class Cooperative(Shader):
@@ -133,7 +133,8 @@ class Cooperative(Shader):
         check(program)
         layers = range(len(program.state.spec.layers))
         offsets = self.offsets.format(all="\n".join(self.offset.format(l=l) for l in layers))
-        self.buffers = f"{type(self).buffers}\n{self.matrices}\n{offsets}"
+        about_matrices = f"// 3: {FILE}, its matrices in the layout of the device, each from its byte on"
+        self.buffers = "\n".join([type(self).buffers, about_matrices, self.matrices, offsets])
         return super().source(program, about)
 
     def body(self, program: Program) -> str:

@@ -1,6 +1,5 @@
 """A folder for Vulkan: SPIR-V, the shaders' text, and a C++ program that runs, compares and times them."""
 
-import re
 from zlib import crc32
 
 from warp_neural.export import spirv
@@ -9,7 +8,8 @@ from warp_neural.export.cpp import TEXT
 from warp_neural.export.program import Program
 from warp_neural.export.shaders import GROUP, Glsl
 
-SOURCES = "main.cpp", "vulkan.hpp", "pipeline.hpp", "cooperative.hpp", "CMakeLists.txt"
+SOURCES = "main.cpp", "device.hpp", "pipeline.hpp", "cooperative.hpp", "CMakeLists.txt"
+NAMED = "main.cpp", "CMakeLists.txt"
 TOLERANCE = {"float32": 1e-5, "float16": 1e-3}
 COOPERATIVE_TOLERANCE = 1e-2  # drivers may sum in float16, and biases are float16 too
 
@@ -18,7 +18,7 @@ HEADER = """// {about}
 #include <cstddef>
 #include <cstdint>
 
-namespace {name} {{
+namespace network {{
 
 inline constexpr std::uint32_t inputs = {n_in}, outputs = {n_out}, group = {group};
 inline constexpr char hash[] = "{digest}";
@@ -44,7 +44,7 @@ struct Layer {{
 inline constexpr Layer layers[] = {{
 {layers}}};
 
-}}  // namespace {name}
+}}  // namespace network
 """
 USE = """`{name}.spv` is the network as a compute shader in SPIR-V, `{name}.comp` its text: entry `main`, a thread a
 row, groups of {group}. Buffers of set 0: 0 weights (`weights.bin`, float32), 1 inputs, 2 results, as many rows as they
@@ -64,7 +64,6 @@ ALSO = """
 
 `{name}_cooperative.spv` is for devices with VK_NV_cooperative_vector, and the program takes it there; for your own
 programs, `cooperative.hpp` has what follows.{use}"""
-NAME = re.compile(r"(?<![A-Z_])NAME(?![A-Z])")
 
 
 def project(program: Program, name: str, about: str) -> tuple[dict[str, bytes], str, str]:
@@ -78,20 +77,21 @@ def project(program: Program, name: str, about: str) -> tuple[dict[str, bytes], 
         more, use = additions(program, "glsl", name, about)
         files, also = files | more, ALSO.format(name=name, use=use)
     for file in SOURCES:
-        text = (TEXT / "vulkan" / file).read_text().replace("add_test(NAME", "add_test(\0")
-        files[file] = NAME.sub(name, text).replace("\0", "NAME").encode()
-    files[f"{name}.hpp"] = header(program, name, about, weights, files.get(FILE, b"")).encode()
+        text = (TEXT / "vulkan" / file).read_text()
+        if file in NAMED:
+            text = text.replace("NAME", name).replace(f"add_test({name} compare", "add_test(NAME compare")
+        files[file] = text.encode()
+    files["network.hpp"] = header(program, about, weights, files.get(FILE, b"")).encode()
     compared = f"results are within {TOLERANCE[program.precision]:g} of the largest"
     compared += f", with cooperative vectors {COOPERATIVE_TOLERANCE:g}" if halves else ""
     return files, USE.format(name=name, group=GROUP, also=also), compared
 
 
-def header(program: Program, name: str, about: str, weights: bytes, products: bytes) -> str:
+def header(program: Program, about: str, weights: bytes, products: bytes) -> str:
     """products: what `matrices.bin` holds."""
     layers = (f"    {{{each.rows}, {each.columns}, {each.matrix}, {each.bias}}},\n" for each in places(program))
     return HEADER.format(
         about=about,
-        name=name,
         n_in=program.n_in,
         n_out=program.n_out,
         group=GROUP,

@@ -1,7 +1,7 @@
 // VK_NV_cooperative_vector: whether a device has what the network needs, and matrices in the layout that it likes best.
 #pragma once
-#include "NAME.hpp"
-#include "vulkan.hpp"
+#include "device.hpp"
+#include "network.hpp"
 
 // What headers older than 1.4.307 lack.
 #ifndef VK_KHR_cooperative_matrix
@@ -126,7 +126,7 @@ struct Cooperation {
     // What is missing, or nothing.
     std::string lacks() const {
         uint32_t widest = 0;
-        for (const auto& layer : NAME::layers) widest = std::max({widest, layer.rows, layer.columns});
+        for (const auto& layer : network::layers) widest = std::max({widest, layer.rows, layer.columns});
         if (!extension) return "no VK_NV_cooperative_vector";
         if (!vectors.cooperativeVector) return "VK_NV_cooperative_vector without cooperativeVector";
         if (!half_products) return "VK_NV_cooperative_vector without float16 matrices";
@@ -177,12 +177,12 @@ struct Matrices {
             vkGetDeviceProcAddr(on.device, "vkConvertCooperativeVectorMatrixNV"));
         const auto convert_there = reinterpret_cast<PFN_vkCmdConvertCooperativeVectorMatrixNV>(
             vkGetDeviceProcAddr(on.device, "vkCmdConvertCooperativeVectorMatrixNV"));
-        const size_t biases = NAME::layers[0].matrix, count = std::size(NAME::layers);
+        const size_t biases = network::layers[0].matrix, count = std::size(network::layers);
         std::vector<size_t> sizes(count);
         std::vector<VkConvertCooperativeVectorMatrixInfoNV> infos(count);
         size_t end = biases;
         for (size_t i = 0; i < count; ++i) {  // sizes first: all that the host's form does without a destination
-            infos[i] = conversion(NAME::layers[i], &sizes[i]);
+            infos[i] = conversion(network::layers[i], &sizes[i]);
             check(convert(on.device, &infos[i]), "vkConvertCooperativeVectorMatrixNV");
             offsets.push_back(static_cast<uint32_t>(end));
             end += (sizes[i] + 63) / 64 * 64;
@@ -190,7 +190,7 @@ struct Matrices {
         const Buffer source = on.uploaded(rows.data(), rows.size());
         buffer = on.buffer(end, false);
         for (size_t i = 0; i < count; ++i) {
-            infos[i].srcData.deviceAddress = on.address(source) + NAME::layers[i].matrix;
+            infos[i].srcData.deviceAddress = on.address(source) + network::layers[i].matrix;
             infos[i].dstData.deviceAddress = on.address(buffer) + offsets[i];
         }
         on.run([&](VkCommandBuffer to) {
@@ -200,7 +200,7 @@ struct Matrices {
         });
     }
 
-    static VkConvertCooperativeVectorMatrixInfoNV conversion(const NAME::Layer& layer, size_t* size) {
+    static VkConvertCooperativeVectorMatrixInfoNV conversion(const network::Layer& layer, size_t* size) {
         VkConvertCooperativeVectorMatrixInfoNV info = {};
         info.sType = VK_STRUCTURE_TYPE_CONVERT_COOPERATIVE_VECTOR_MATRIX_INFO_NV;
         info.srcComponentType = info.dstComponentType = VK_COMPONENT_TYPE_FLOAT16_KHR;

@@ -7,17 +7,17 @@
 #include <string>
 #include <vector>
 
-#include "NAME.hpp"
 #include "cooperative.hpp"
+#include "device.hpp"
+#include "network.hpp"
 #include "pipeline.hpp"
-#include "vulkan.hpp"
 
 static const char usage[] =
-    "usage: NAME [FOLDER] [--device N] [--plain] [--rows N] [--results FILE] [--image FILE]\n"
-    "FOLDER   exported, here by default     --plain    without cooperative vectors\n"
-    "--rows   to time, 65536 by default: those of inputs.bin, again and again\n"
-    "--results, --image: write the results, float32; a picture of a network of (u, v) to linear colours, NAME.ppm\n";
-constexpr bool PICTURE = NAME::inputs == 2 && NAME::outputs == 3;
+    "arguments: [FOLDER] [--device N] [--plain] [--rows N] [--results FILE] [--image FILE]\n"
+    "FOLDER: exported, here by default; --plain: without cooperative vectors\n"
+    "--rows: to time, 65536 by default: those of inputs.bin, again and again\n"
+    "--results: of these, float32; --image: PPM, of a network of (u, v) to linear colours, NAME.ppm by default\n";
+constexpr bool PICTURE = network::inputs == 2 && network::outputs == 3;
 
 struct Options {
     std::string folder = ".", results, image;
@@ -84,7 +84,7 @@ static void write(const std::string& path, const std::string& head, const void* 
 }
 
 // A file of this network: of its size, and with its sum (CRC-32, as zlib has it).
-static std::vector<char> read(const std::string& folder, const NAME::File& file) {
+static std::vector<char> read(const std::string& folder, const network::File& file) {
     const std::vector<char> bytes = read(folder + "/" + file.name);
     uint32_t sum = ~0u;
     for (const char byte : bytes) {
@@ -92,7 +92,7 @@ static std::vector<char> read(const std::string& folder, const NAME::File& file)
         for (int bit = 0; bit < 8; ++bit) sum = sum >> 1 ^ (sum & 1 ? 0xedb88320u : 0u);
     }
     if (bytes.size() != file.size || ~sum != file.sum)
-        throw Failure(REFUSED, folder + "/" + file.name + ": not that of network " + NAME::hash + ", " +
+        throw Failure(REFUSED, folder + "/" + file.name + ": not that of network " + network::hash + ", " +
                                    std::to_string(bytes.size()) + " bytes of " + std::to_string(file.size) +
                                    "; export it again");
     return bytes;
@@ -119,24 +119,24 @@ struct Network {
              cooperative ? has.extensions() : std::vector<const char*>(), cooperative),
           cooperative(cooperative),
           code(module(options.folder + (cooperative ? "/NAME_cooperative.spv" : "/NAME.spv"))) {
-        const std::vector<char> floats = read(options.folder, NAME::weights);
+        const std::vector<char> floats = read(options.folder, network::weights);
         weights = on.uploaded(floats.data(), floats.size());
         if (!cooperative) return;
-        const Matrices converted(on, read(options.folder, NAME::matrices));
+        const Matrices converted(on, read(options.folder, network::matrices));
         matrices = converted.buffer;
         offsets = converted.offsets;
     }
 
     size_t most_rows() const {
         const VkPhysicalDeviceLimits& limits = on.properties.limits;
-        return std::min(size_t(limits.maxComputeWorkGroupCount[0]) * NAME::group,
-                        limits.maxStorageBufferRange / sizeof(float) / std::max(NAME::inputs, NAME::outputs));
+        return std::min(size_t(limits.maxComputeWorkGroupCount[0]) * network::group,
+                        limits.maxStorageBufferRange / sizeof(float) / std::max(network::inputs, network::outputs));
     }
 
     // Results of rows, and sorted milliseconds of runs.
     std::vector<float> evaluate(const std::vector<float>& x, std::vector<double>& times) const {
-        const size_t rows = x.size() / NAME::inputs, groups = (rows + NAME::group - 1) / NAME::group;
-        std::vector<float> y(rows * NAME::outputs);
+        const size_t rows = x.size() / network::inputs, groups = (rows + network::group - 1) / network::group;
+        std::vector<float> y(rows * network::outputs);
         const Buffer from = on.uploaded(x.data(), x.size() * sizeof(float));
         const Buffer to = on.buffer(y.size() * sizeof(float), false);
         std::vector<Buffer> buffers = {weights, from, to};
@@ -207,30 +207,32 @@ static int compare(const Options& options) {
     std::vector<Cooperation> has;
     for (const VkPhysicalDevice each : all) has.emplace_back(instance, each);
     const size_t at = chosen(options, all, has);
-    const bool cooperative = NAME::cooperative && !options.plain && has[at].lacks().empty();
+    const bool cooperative = network::cooperative && !options.plain && has[at].lacks().empty();
     const std::vector<float> given = floats(options.folder + "/inputs.bin");
     const std::vector<float> expected = floats(options.folder + "/outputs.bin");
-    const size_t there = given.size() / NAME::inputs;
-    if (there == 0 || given.size() % NAME::inputs || expected.size() != there * NAME::outputs)
+    const size_t there = given.size() / network::inputs;
+    if (there == 0 || given.size() % network::inputs || expected.size() != there * network::outputs)
         throw Failure(REFUSED, options.folder + ": inputs.bin and outputs.bin do not match; export it again");
     const Network network(options, all[at], has[at], cooperative);
     const size_t rows = std::max(size_t(options.rows), there), most = network.most_rows();
     if (rows > most)
         throw Failure(REFUSED, "--rows " + std::to_string(rows) + ": this device takes " + std::to_string(most) +
                                    " at most");
-    std::vector<float> x(rows * NAME::inputs);
+    std::vector<float> x(rows * network::inputs);
     for (size_t i = 0; i < x.size(); ++i) x[i] = given[i % given.size()];
     std::vector<double> times;
     const std::vector<float> y = network.evaluate(x, times);
     const double difference = off(y, expected);
-    const double allowed = cooperative ? NAME::cooperative_tolerance : NAME::tolerance;
+    const double allowed = cooperative ? network::cooperative_tolerance : network::tolerance;
     std::printf("device %zu, %s: %zu rows, off by %.2g of the largest result at most, allowed is %g\n", at,
                 cooperative ? "cooperative vectors" : "plain", rows, difference, allowed);
     const double median = times[times.size() / 2];
     if (median > 0.0)
         std::printf("%.4f ms, the median of %zu runs: %.4g million rows a second\n", median, times.size(),
                     1e-3 * double(rows) / median);
-    if (!options.results.empty()) write(options.results, "", y.data(), there * NAME::outputs * sizeof(float));
+    else
+        std::printf("no time: this device has no timestamps\n");
+    if (!options.results.empty()) write(options.results, "", y.data(), there * network::outputs * sizeof(float));
     if (!options.image.empty()) save_image(options.image, network);
     return difference <= allowed ? 0 : DIFFERENT;
 }

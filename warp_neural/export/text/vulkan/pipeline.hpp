@@ -2,7 +2,7 @@
 #pragma once
 #include <chrono>
 
-#include "vulkan.hpp"
+#include "device.hpp"
 
 struct Pipeline {
     const Device& on;

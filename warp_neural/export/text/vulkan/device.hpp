@@ -65,7 +65,7 @@ inline std::vector<VkPhysicalDevice> devices(VkInstance& instance) {
     const char* remedy = "no device with Vulkan 1.1: install a GPU's driver, or Mesa's for the CPU";
     open_loader();
     const auto create = reinterpret_cast<PFN_vkCreateInstance>(vkGetInstanceProcAddr(nullptr, "vkCreateInstance"));
-    VkApplicationInfo about = {VK_STRUCTURE_TYPE_APPLICATION_INFO, nullptr, "NAME", 0, "", 0, VK_API_VERSION_1_2};
+    VkApplicationInfo about = {VK_STRUCTURE_TYPE_APPLICATION_INFO, nullptr, "", 0, "", 0, VK_API_VERSION_1_2};
     VkInstanceCreateInfo info = {VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO, nullptr, 0, &about, 0, nullptr, 0, nullptr};
     if (!create || create(&info, nullptr, &instance) != VK_SUCCESS) throw Failure(NO_VULKAN, remedy);
 #define LOAD(name) name = reinterpret_cast<PFN_##name>(vkGetInstanceProcAddr(instance, #name));
