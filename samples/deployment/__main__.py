@@ -5,8 +5,9 @@
 Leaves a folder for each target, which builds without Python, and deployment.png: Python's picture, each target's, what
 ran it, how long 65,536 pixels took and the largest difference from Python. What this machine cannot build or run is
 exported all the same, and the table says what is missing: g++; an NVIDIA driver; wgpu with a driver (pip install wgpu);
-glslangValidator; slangc, which pip's slangtorch carries. Times are of a second run, with copies, but of CUDA without; a
-software driver takes its time.
+glslangValidator; slangc, which pip's slangtorch carries; Vulkan's headers. vulkan alone is not exported without one of
+these compilers. Times are of a second run, with copies, but cuda's and vulkan's of the device's work; a software driver
+takes its time.
 """
 
 from collections.abc import Iterator
@@ -17,9 +18,9 @@ import numpy as np
 
 from warp_neural import cli
 from warp_neural.errors import InputError
-from warp_neural.export import TARGETS, export
+from warp_neural.export import TARGETS, export, spirv
 from warp_neural.nn.mlp import MLP
-from warp_neural.samples.deployment import programs, webgpu
+from warp_neural.samples.deployment import programs, vulkan, webgpu
 from warp_neural.samples.deployment.programs import NAME, Run
 from warp_neural.samples.figures import save_figure, show
 from warp_neural.samples.network import step_04_frequency_encoding
@@ -50,6 +51,8 @@ def run_shader(language: str, folder: Path, inputs: np.ndarray, n_out: int) -> R
 def run_target(target: str, folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
     if target in programs.RUN:
         return programs.RUN[target](folder, inputs, expected)
+    if target == "vulkan":
+        return Run(*vulkan.evaluate(folder, inputs, expected))
     if target in webgpu.LANGUAGES:
         return run_shader(target, folder, inputs, expected.shape[1])
     return Run("not run: no compiler here")
@@ -64,6 +67,9 @@ def runs(net: MLP, config: Config, targets: list[str], size: tuple[int, int]) ->
     yield "python", 0, 0.0, Run("Warp, cpu", expected)
     for target in targets:
         folder = config.out / target
+        if target == "vulkan" and (lacking := spirv.missing(net.state.spec.format.name)):
+            yield target, 0, 0.0, Run(f"not run: no {lacking}")
+            continue
         made = export(net, target, folder, archs=programs.archs() if target == "cuda" else None, name=NAME, force=True)
         run = run_target(target, folder, inputs, expected)
         difference = float(np.abs(run.results - expected).max()) if run.results is not None else 0.0

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_neural.export.shaders import GROUP
+from warp_neural.export.spirv import slangc
 from warp_neural.imaging.block_texture import BlockTexture
 
 LANGUAGES = "wgsl", "glsl", "hlsl", "slang"
@@ -30,13 +31,6 @@ def device():
         return adapter.request_device_sync(required_features=list({BLOCKS} & adapter.features))
     except RuntimeError:
         return None
-
-
-@cache
-def slangc() -> Path | None:
-    """The compiler in slangtorch's package, which is not imported: that would need PyTorch."""
-    spec = find_spec("slangtorch")
-    return Path(spec.origin).parent / "bin" / "slangc" if spec else None
 
 
 def missing(language: str) -> str | None:
@@ -58,7 +52,6 @@ def compiled(language: str, source: Path, folder: Path) -> str | bytes:
     options = ["-D", "-S", "comp", "-e", "main"] if language == "hlsl" else []
     command = ["glslangValidator", "-V", str(source), *options]
     if language == "slang":
-        slangc().chmod(0o755)  # pip forgets it
         environment["LD_LIBRARY_PATH"] = str(slangc().parent)
         command = [str(slangc()), str(source), "-target", "wgsl", "-entry", "main", "-stage", "compute"]
     done = subprocess.run([*command, "-o", str(result)], capture_output=True, text=True, env=environment)

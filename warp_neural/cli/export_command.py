@@ -16,9 +16,9 @@ class Export:
 
     source: tyro.conf.Positional[Path]
     """.safetensors of a network"""
-    target: Literal["cpp", "cuda", "glsl", "hlsl", "slang", "wgsl", "msl"]
+    target: Literal["cpp", "cuda", "vulkan", "glsl", "hlsl", "slang", "wgsl", "msl"]
     """cpp: a C++17 header for the CPU, with a CMake project; cuda: the same for NVIDIA's GPUs, with compiled kernels
-    that need the driver alone; the others compute shaders"""
+    that need the driver alone; vulkan: SPIR-V with a C++ program that runs it; the others compute shaders"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """folder for the files"""
     precision: Literal["float32", "tf32", "float16", "bfloat16", "e4m3", "e5m2", "int8"] | None = None
@@ -29,6 +29,8 @@ class Export:
     (newer ones by PTX)"""
     name: str | None = None
     """of the files and the namespace; that of SOURCE if not given"""
+    cooperative: bool = False
+    """a shader with cooperative vectors beside the plain one: glsl, slang and hlsl, of float16"""
     force: bool = False
     """replace files that are there"""
     json: bool = False
@@ -43,4 +45,5 @@ class Export:
             raise InputError(f"--arch {self.arch}: give numbers such as 80,90,120")
         archs = [int(word) for word in words] if words else None
         options = {"precision": self.precision, "archs": archs, "name": self.name, "force": self.force}
+        options["cooperative"] = self.cooperative
         return export(self.source, self.target, self.out, **options)

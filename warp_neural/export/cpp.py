@@ -1,5 +1,6 @@
 """C++17 for the CPU: one header without dependencies, and a project that tests it."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,11 @@ inline void evaluate(const float (&x)[inputs], float (&y)[outputs]) {{ detail::e
 
 }}  // namespace {name}
 """
+
+
+def named(text: str, name: str) -> str:
+    """A text with `name` for NAME, but where CMake has that word."""
+    return re.sub(r"(?<!add_test\()\bNAME(?=\b|_)", name, text)
 
 
 def table(values: np.ndarray) -> str:

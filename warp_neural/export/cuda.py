@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
+from warp_neural.export.cpp import named
 from warp_neural.kernels.coopvec.cuda.warpgroup_rows import RowsSchedule, make_rows_schedule
 from warp_neural.kernels.coopvec.layout import bias_is_half, layer_table, make_pack_kernel, network_layout
 from warp_neural.kernels.coopvec.rows import BLOCK, make_evaluate_kernel, make_warpgroup_kernel
@@ -78,7 +79,7 @@ def cuda_files(net: MLP, name: str, about: str, digest: str, archs: Sequence[int
     values = constants(net, schedule) | {"ABOUT": about, "HASH": digest, "BINARIES": "".join(b.row for b in binaries)}
     files = {file: (TEXT / file).read_text() for file in ("main.cpp", "driver.hpp", "CMakeLists.txt")}
     files[f"{name}.hpp"] = fill((TEXT / "network.hpp").read_text(), values)
-    files = {file: re.sub(r"\bNAME(?=\b|_)", name, text).encode() for file, text in files.items()}
+    files = {file: named(text, name).encode() for file, text in files.items()}
     weights = np.concatenate([net.master.numpy(), net.steps.numpy().ravel()]).astype("<f4")
     use = USE.format(
         name=name,

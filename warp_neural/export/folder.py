@@ -11,7 +11,8 @@ import numpy as np
 
 from warp_neural import __version__
 from warp_neural.errors import InputError
-from warp_neural.export import cpp
+from warp_neural.export import cooperative as vectors
+from warp_neural.export import cpp, vulkan
 from warp_neural.export.cuda import ARCHS, cuda_files
 from warp_neural.export.program import Program, check_finite, digest_of, make_program
 from warp_neural.export.shaders import GROUP, SHADERS
@@ -25,7 +26,7 @@ from warp_neural.nn.state import NetworkState
 from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.engine_file import engine_state, latent_texture
 
-TARGETS = ("cpp", "cuda", *SHADERS)
+TARGETS = ("cpp", "cuda", "vulkan", *SHADERS)
 ROWS = 256  # to compare with
 RESERVED = set(
     "alignas alignof and asm auto bitand bitor bool break case catch char class compl const constexpr continue default "
@@ -81,13 +82,15 @@ def export(
     archs: Sequence[int] | None = None,
     name: str | None = None,
     force: bool = False,
+    cooperative: bool = False,
 ) -> dict[str, Any]:
     """Write a network, or the file of one, for a program without Python; returns the files with their bytes, and the
     hash of the network, which they name too.
 
     target: one of `TARGETS`. precision: float32, or float16 for weights and vectors between layers, with sums in
     float32 (cuda: any); that of the network if None. archs: of cuda, 90 for compute capability 9.0. name: of files, and
-    in C++ of the namespace; that of the source's file if None. force: replace what is there.
+    in C++ of the namespace; that of the source's file if None. force: replace what is there. cooperative: a shader with
+    cooperative vectors beside the plain one, of GLSL, Slang and HLSL, for precision float16.
 
     Raises `InputError` for what the target cannot express, with what it can, and for files that are there.
     """
@@ -101,15 +104,13 @@ def export(
         state = source.state if isinstance(source, MLP) else source
     name = identifier(name or Path(where).stem)
     try:
-        if archs is not None and target != "cuda":
-            raise InputError(f"archs {archs}: target cuda alone has them")
-        if texture:
-            check_target(target)
+        check_options(target, archs, cooperative, texture)
         if target == "cuda":
             precision, digest, files = _cuda(state, precision, name, archs or ARCHS)
         else:
             program = make_program(state, precision, by_inputs=target == "cpp")
-            precision, digest, files = program.precision, program.digest, _files(program, target, name, texture)
+            precision, digest = program.precision, program.digest
+            files = _files(program, target, name, texture, cooperative)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     directory = Path(directory)
@@ -129,15 +130,31 @@ def identifier(name: str) -> str:
     return name if re.match(r"[A-Za-z]", name) and name not in RESERVED else f"network_{name}"
 
 
-def _files(program: Program, target: str, name: str, texture: BlockState | None) -> dict[str, bytes]:
+def check_options(target: str, archs: Sequence[int] | None, cooperative: bool, texture: BlockState | None) -> None:
+    """Raises `InputError` for options of other targets."""
+    if archs is not None and target != "cuda":
+        raise InputError(f"archs {archs}: target cuda alone has them")
+    if cooperative:
+        vectors.check_target(target, texture is not None)
+    if texture:
+        check_target(target)
+
+
+def _files(program: Program, target: str, name: str, texture: BlockState | None, cooperative: bool) -> dict[str, bytes]:
     about = about_of(program.state, program.digest)
     inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(network_of(program.state, program.precision))
     files = {}
     if target == "cpp":
         texts, use, compared = _cpp(program, name, about)
+    elif target == "vulkan":
+        made, use, compared = vulkan.project(program, name, about)
+        files, texts = files | made, {}
     else:
         files["weights.bin"] = program.weights.astype("<f4").tobytes()
         texts, use, compared = _shader(program, target, name, about)
+    if cooperative:
+        more, also = vectors.additions(program, target, name, about)
+        files, use = files | more, use + also
     if texture:
         latents = [f"{name}_latent_{g}.dds" for g in range(len(texture.spec.scales))]
         files |= {file: dds_bytes(latent_texture(texture, g)) for g, file in enumerate(latents)}
@@ -178,8 +195,7 @@ def with_rows(inputs: np.ndarray, outputs: np.ndarray, **about: str) -> dict[str
 
 def _cpp(program: Program, name: str, about: str) -> tuple[dict[str, str], str, str]:
     """Texts, and what the README says of their use and of the results."""
-    texts = {file: (cpp.TEXT / file).read_text().replace("NAME", name) for file in ("main.cpp", "CMakeLists.txt")}
-    texts["CMakeLists.txt"] = texts["CMakeLists.txt"].replace(f"add_test({name} compare", "add_test(NAME compare")
+    texts = {file: cpp.named((cpp.TEXT / file).read_text(), name) for file in ("main.cpp", "CMakeLists.txt")}
     texts[f"{name}.hpp"] = cpp.header(program, name, about)
     return texts, USE_CPP.format(name=name), "results equal these bit for bit"
 

@@ -15,6 +15,7 @@ from warp_neural.kernels.nn.spec import FORMATS
 from warp_neural.nn.state import NetworkState
 
 PRECISIONS = "float32", "float16"
+INFINITE = 65520.0  # in float16, and all beyond
 FUNCTIONS = {"exp", "log", "tanh", "erf", "sin", "cos", "sqrt", "abs"}
 
 
@@ -34,6 +35,8 @@ class Program:
         if self.state.count != 1:
             raise InputError(f"{self.state.count} networks in one; save them one by one, each is exported alone")
         check_finite(self.state)
+        if self.precision == "float16":
+            fit_float16("weight", self.state.weights)
         for activation in {self.state.spec.activation, self.state.spec.output_activation}:
             portable(activation)
 
@@ -59,7 +62,8 @@ class Program:
         return digest_of(self.state, self.precision)
 
     @cached_property
-    def body(self) -> tuple[Statement, ...]:
+    def encoded(self) -> tuple[Statement, ...]:
+        """`h0`, what the first layer takes, not rounded yet."""
         spec, encoding = self.state.spec, self.state.encoding
         x = tuple(f"x[{i}]" for i in range(self.n_in))
         statements: list[Statement] = [Array("h0", spec.sizes[0])]
@@ -68,6 +72,11 @@ class Program:
             statements.append(Block(type(encoding).__name__, tuple(encoded)))
         else:
             statements += [Set(f"h0[{i}]", value) for i, value in enumerate(x)]
+        return tuple(statements)
+
+    @cached_property
+    def body(self) -> tuple[Statement, ...]:
+        spec, statements = self.state.spec, list(self.encoded)
         if self.precision == "float16":
             statements.append(For("i_input", spec.sizes[0], (Set("h0[i_input]", "to_half(h0[i_input])"),)))
         for l in range(len(spec.layers)):
@@ -86,13 +95,17 @@ class Program:
         loops = ((k, n_in), (n, n_out)) if self.by_inputs else ((n, n_out), (k, n_in))
         (outer, outer_count), (inner, inner_count) = loops
         products = For(outer, outer_count, (For(inner, inner_count, (term,)),))
-        result = portable(spec.activation_of(l))
+        result = self.activated(l)
         if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
             result = f"to_half({result})"
         target = f"y[{o}]" if last else f"h{l + 1}[{o}]"
-        finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, re.sub(r"\bz\b", f"z{l}", result))))
+        finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, result)))
         arrays = [Array(sums, n_out)] + ([] if last else [Array(f"h{l + 1}", n_out)])
         return [*arrays, begin, products, finish]
+
+    def activated(self, l: int) -> str:
+        """What layer l makes of its sum `z{l}`, an expression."""
+        return re.sub(r"\bz\b", f"z{l}", portable(self.state.spec.activation_of(l)))
 
 
 def make_program(state: NetworkState, precision: str | None = None, by_inputs: bool = False) -> Program:
@@ -114,6 +127,12 @@ def make_program(state: NetworkState, precision: str | None = None, by_inputs: b
 def check_finite(state: NetworkState) -> None:
     if not all(np.isfinite(x).all() for x in (state.parameters, state.encoding_parameters)):
         raise InputError("the parameters hold NaN or infinite values; train the network again")
+
+
+def fit_float16(what: str, arrays: list[np.ndarray]) -> None:
+    """Raises `InputError` for what would be infinite."""
+    if (largest := max(np.abs(each).max() for each in arrays)) >= INFINITE:
+        raise InputError(f"a {what} of size {largest:g} is beyond float16; give precision float32")
 
 
 def digest_of(state: NetworkState, precision: str) -> str:

@@ -30,7 +30,7 @@ BODY
     def source(self, program: Program, about: str, around: str = "", call: tuple[str, str] = ("", "")) -> str:
         """around: a function around `evaluate` of three inputs, which the entry calls; call: how it calls that in place
         of `evaluate`."""
-        body, entry = self.lines(program.body), self.entry.replace(*call) if around else self.entry
+        body, entry = self.body(program), self.entry.replace(*call) if around else self.entry
         functions = "".join(self.function(each) for each in library.ALL if f"{each.name}(" in body)
         entry = entry.replace("{n_in}", str(3 if around else program.n_in))
         bindings = BINDINGS.replace("{n_in}", "3: u, v, level of detail") if around else BINDINGS
@@ -39,6 +39,10 @@ BODY
         for name, value in {"n_in": program.n_in, "n_out": program.n_out, "group": GROUP}.items():
             text = text.replace(f"{{{name}}}", str(value))
         return f"{text.replace('BODY', body.rstrip())}\n"
+
+    def body(self, program: Program) -> str:
+        """Of `evaluate`."""
+        return self.lines(program.body)
 
     def function(self, each: Function) -> str:
         arguments = ", ".join(f"float {name}" for name in each.arguments)
