@@ -9,7 +9,7 @@ import numpy as np
 
 from warp_neural.errors import InputError
 from warp_neural.export.encodings import encode
-from warp_neural.export.statements import Array, Block, For, Let, Set, Statement, without_ternaries
+from warp_neural.export.statements import Array, Block, For, Layer, Let, Set, Statement, without_ternaries
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.spec import FORMATS
 from warp_neural.nn.state import NetworkState
@@ -23,12 +23,14 @@ class Program:
     """`x` [n_in] to `y` [n_out] for a network of one. precision: float32, or float16 of weights and of vectors between
     layers, with sums in float32.
 
-    by_inputs: weights of a layer lie [n_in, n_out], as CPUs sum them, else row major, [n_out, n_in].
+    by_inputs: weights of a layer lie [n_in, n_out], as CPUs sum them, else row major, [n_out, n_in]. unrolled: layers
+    have their weights in the text, and `weights` is only the encoding's parameters.
     """
 
     state: NetworkState
     precision: str
     by_inputs: bool = False
+    unrolled: bool = False
 
     def __post_init__(self) -> None:
         if self.state.count != 1:
@@ -50,10 +52,15 @@ class Program:
     def weights(self) -> np.ndarray:
         """Of each layer weights, then biases; then the encoding's parameters; float32."""
         parts = []
-        for w, b in zip(self.state.weights, self.state.biases, strict=True):
-            w = w.astype(np.float16).astype(np.float32) if self.precision == "float16" else w
+        for l, b in enumerate(self.state.biases if not self.unrolled else ()):
+            w = self._rounded(l)
             parts += [(w.T if self.by_inputs else w).ravel(), b]
         return np.concatenate([*parts, self.state.encoding_parameters.ravel()])
+
+    def _rounded(self, l: int) -> np.ndarray:
+        """Weights of a layer, [n_out, n_in]."""
+        w = self.state.weights[l]
+        return w.astype(np.float16).astype(np.float32) if self.precision == "float16" else w
 
     @property
     def digest(self) -> str:
@@ -69,7 +76,7 @@ class Program:
         x = tuple(f"x[{i}]" for i in range(self.n_in))
         statements: list[Statement] = [Array("h0", spec.sizes[0])]
         if encoding:
-            encoded = encode(encoding, x, 0, spec.n_parameters)
+            encoded = encode(encoding, x, 0, 0 if self.unrolled else spec.n_parameters)
             statements.append(Block(type(encoding).__name__, tuple(encoded)))
         else:
             statements += [Set(f"h0[{i}]", value) for i, value in enumerate(x)]
@@ -83,6 +90,13 @@ class Program:
         spec = self.state.spec
         (n_in, n_out), last = spec.layers[l], l == len(spec.layers) - 1
         start = spec.offsets[l]
+        result = portable(spec.activation_of(l))
+        if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
+            result = f"to_half({result})"
+        if self.unrolled:
+            target, weights, biases = "y" if last else f"h{l + 1}", self._rounded(l), self.state.biases[l]
+            layer = Layer(f"h{l}", target, weights, biases, result)
+            return [layer] if last else [Array(target, n_out), layer]
         biases, sums = start + n_in * n_out, f"sums{l}"
         n, k, m, o = (f"{name}{l}" for name in ("n", "k", "m", "o"))
         begin = For(m, n_out, (Set(f"{sums}[{m}]", f"weights[{biases} + {m}]"),))
@@ -91,9 +105,6 @@ class Program:
         loops = ((k, n_in), (n, n_out)) if self.by_inputs else ((n, n_out), (k, n_in))
         (outer, outer_count), (inner, inner_count) = loops
         products = For(outer, outer_count, (For(inner, inner_count, (term,)),))
-        result = portable(spec.activation_of(l))
-        if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
-            result = f"to_half({result})"
         target = f"y[{o}]" if last else f"h{l + 1}[{o}]"
         finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, re.sub(r"\bz\b", f"z{l}", result))))
         arrays = [Array(sums, n_out)] + ([] if last else [Array(f"h{l + 1}", n_out)])

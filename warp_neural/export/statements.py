@@ -59,7 +59,19 @@ class Block:
     body: tuple["Statement", ...]
 
 
-Statement = Let | Variable | Array | Set | For | Block
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """`target[o]` = result, of `z`: biases[o] plus the sum of weights[o, k] * source[k] over k. The numbers are in the
+    text: for languages that unroll it."""
+
+    source: str
+    target: str
+    weights: np.ndarray  # [n_out, n_in]
+    biases: np.ndarray  # [n_out]
+    result: str
+
+
+Statement = Let | Variable | Array | Set | For | Block | Layer
 
 
 @dataclass(frozen=True)
