@@ -16,8 +16,9 @@ class Export:
 
     source: tyro.conf.Positional[Path]
     """.safetensors of a network"""
-    target: Literal["cpp", "glsl", "hlsl", "slang", "wgsl", "msl"]
-    """cpp: a C++17 header for the CPU, with a CMake project; the others compute shaders"""
+    target: Literal["cpp", "glsl", "hlsl", "slang", "wgsl", "msl", "html"]
+    """cpp: a C++17 header for the CPU, with a CMake project; html: a page that shows a picture or a texture for engines;
+    the others compute shaders"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """folder for the files"""
     precision: Literal["float32", "float16"] | None = None

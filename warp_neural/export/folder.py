@@ -12,6 +12,7 @@ import numpy as np
 from warp_neural import __version__
 from warp_neural.errors import InputError
 from warp_neural.export import cpp
+from warp_neural.export.page import page_files
 from warp_neural.export.program import Program, make_program
 from warp_neural.export.shaders import GROUP, SHADERS
 from warp_neural.export.textures import check_target, texture_rows, texture_source, texture_use
@@ -24,7 +25,7 @@ from warp_neural.nn.state import NetworkState
 from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.engine_file import engine_state, latent_texture
 
-TARGETS = ("cpp", *SHADERS)
+TARGETS = ("cpp", *SHADERS, "html")
 ROWS = 256  # to compare with
 RESERVED = set(
     "alignas alignof and asm auto bitand bitor bool break case catch char class compl const constexpr continue default "
@@ -125,6 +126,8 @@ def _files(program: Program, target: str, name: str, texture: BlockState | None)
     layers = "-".join(map(str, spec.sizes))
     kind = f"{type(encoding).__name__}, " if encoding else ""
     about = f"Network {program.digest} ({kind}{layers}, {spec.activation.name}) by Warp Neural {__version__}"
+    if target == "html":
+        return page_files(program, name, about, texture)
     if texture:
         check_target(target)
     inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(program)

@@ -41,23 +41,25 @@ class Gles(Glsl):
         return self.layer(each, depth) if isinstance(each, Layer) else super().line(each, depth)
 
     def layer(self, each: Layer, depth: int) -> str:
-        """Four sums at a time, of four terms at a time."""
+        """Vectors between layers are vec4s: NAME_0, NAME_4, ..."""
         n_out, n_in = each.weights.shape
         weights = np.pad(each.weights, ((0, -n_out % 4), (0, -n_in % 4)))
         biases, lines = np.pad(each.biases, (0, -n_out % 4)), []
-        for k in range(0, n_in, 4):
-            terms = [f"{each.source}[{i}]" if i < n_in else "0.0" for i in range(k, k + 4)]
-            lines.append(f"vec4 v{k} = vec4({', '.join(terms)});")
-        for o in range(0, n_out, 4):
-            lines.append(f"vec4 z{o} = vec4({_literals(biases[o : o + 4])});")
+        if each.first:
             for k in range(0, n_in, 4):
-                lines.append(f"z{o} += mat4({_literals(weights[o : o + 4, k : k + 4].T.ravel())}) * v{k};")
-            for i in range(o, min(o + 4, n_out)):
-                result = re.sub(r"\bz\b", f"z{o}.{'xyzw'[i - o]}", each.result)
-                lines.append(f"{each.target}[{i}] = {result};")
-        indent = (depth + 1) * INDENT
-        text = "".join(f"{indent}{line}\n" for line in lines)
-        return f"{indent[4:]}{{  // {n_in} to {n_out}\n{text}{indent[4:]}}}\n"
+                terms = [f"{each.source}[{i}]" if i < n_in else "0.0" for i in range(k, k + 4)]
+                lines.append(f"vec4 {each.source}_{k} = vec4({', '.join(terms)});")
+        for o in range(0, n_out, 4):
+            z = f"{each.target}_{o}"
+            lines.append(f"vec4 {z} = vec4({_literals(biases[o : o + 4])});")
+            for k in range(0, n_in, 4):
+                lines.append(f"{z} += mat4({_literals(weights[o : o + 4, k : k + 4].T.ravel())}) * {each.source}_{k};")
+            results = [re.sub(r"\bz\b", f"{z}.{c}", each.result) for c in "xyzw"[: n_out - o]]
+            if each.last:
+                lines += [f"{each.target}[{o + i}] = {result};" for i, result in enumerate(results)]
+            elif each.result != "z":
+                lines.append(f"{z} = vec4({', '.join([*results, '0.0', '0.0', '0.0'][:4])});")
+        return "".join(f"{depth * INDENT}{line}\n" for line in lines)
 
 
 def _literals(values: np.ndarray) -> str:

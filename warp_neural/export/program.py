@@ -95,8 +95,7 @@ class Program:
             result = f"to_half({result})"
         if self.unrolled:
             target, weights, biases = "y" if last else f"h{l + 1}", self._rounded(l), self.state.biases[l]
-            layer = Layer(f"h{l}", target, weights, biases, result)
-            return [layer] if last else [Array(target, n_out), layer]
+            return [Layer(f"h{l}", target, weights, biases, result, first=l == 0, last=last)]
         biases, sums = start + n_in * n_out, f"sums{l}"
         n, k, m, o = (f"{name}{l}" for name in ("n", "k", "m", "o"))
         begin = For(m, n_out, (Set(f"{sums}[{m}]", f"weights[{biases} + {m}]"),))

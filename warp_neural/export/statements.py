@@ -69,6 +69,8 @@ class Layer:
     weights: np.ndarray  # [n_out, n_in]
     biases: np.ndarray  # [n_out]
     result: str
+    first: bool
+    last: bool
 
 
 Statement = Let | Variable | Array | Set | For | Block | Layer

@@ -83,16 +83,21 @@ def check_target(target: str) -> None:
 
 def texture_source(language: str, shader: Shader, program: Program, state: BlockState, about: str) -> str:
     """A shader whose rows are (u, v, level of detail), and whose results are channels as maps store them."""
-    text, spec = TEXTS[language], state.spec
-    latents = range(len(spec.scales))
+    text, latents = TEXTS[language], range(len(state.spec.scales))
     declared = [text.sampler, *(text.texture.format(g=g, binding=g + 1) for g in latents)]
     lines = [text.head.format(n_in=program.n_in, n_out=program.n_out)]
     lines += [INDENT + text.fetch.format(g=g) for g in latents]
-    inputs = [Set(f"x[{3 * g + c}]", f"{number(SPREAD)} * (c{g}.{'rgb'[c]} - 0.5f)") for g in latents for c in range(3)]
-    inputs += [Set(f"x[{program.n_in - 1}]", f"lod / {number(DETAIL_SCALE)}")] if spec.mips > 1 else []
-    lines += [shader.lines(tuple(inputs)) + INDENT + text.evaluate]
+    lines += [shader.lines(tuple(latent_inputs(program, state))) + INDENT + text.evaluate]
     lines += [shader.lines(tuple(stored(state.maps))) + text.tail]
     return shader.source(program, about, around="\n".join([*declared, *lines]), call=text.call)
+
+
+def latent_inputs(program: Program, state: BlockState) -> list[Set]:
+    """`x` of what was fetched."""
+    places = [(g, c) for g in range(len(state.spec.scales)) for c in range(3)]
+    inputs = [Set(f"x[{3 * g + c}]", f"{number(SPREAD)} * (c{g}.{'rgb'[c]} - 0.5f)") for g, c in places]
+    detail = Set(f"x[{program.n_in - 1}]", f"lod / {number(DETAIL_SCALE)}")
+    return [*inputs, detail] if state.spec.mips > 1 else inputs
 
 
 USE = """The network reads {count} latent textures, which lie beside it as `{first}` and so on: load them as any

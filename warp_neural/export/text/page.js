@@ -1,0 +1,188 @@
+"use strict";
+// What a page does: a triangle over the canvas, whose fragments evaluate the network, drawn again when something moves.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const element = (id) => document.getElementById(id);
+const canvas = element("picture");
+const controls = [...document.querySelectorAll("[data-uniform]")];
+const pointers = new Map();
+const place = {};  // u, v in the middle of the canvas, and how much closer than at the start
+let gl, program, waiting = false, frames = [];
+
+function problem(text) {
+    element("problem").textContent = text;
+}
+
+function compiled(type, source) {
+    const shader = gl.createShader(type);
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    return shader;
+}
+
+function start() {
+    const options = { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true };
+    gl = canvas.getContext("webgl2", options);
+    if (!gl) return problem("This browser or its graphics driver has no WebGL2, which the page needs.");
+    program = gl.createProgram();
+    gl.attachShader(program, compiled(gl.VERTEX_SHADER, data.vertex));
+    gl.attachShader(program, compiled(gl.FRAGMENT_SHADER, data.fragment));
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+        return problem(`The graphics driver refuses the shader: ${gl.getProgramInfoLog(program)}`);
+    }
+    gl.useProgram(program);
+    loadTextures(gl, program, data);
+    listen();
+    reset();
+}
+
+function reset() {
+    element("controls").reset();
+    Object.assign(place, { u: data.start[0], v: data.start[1], closer: 1 });
+    show();
+}
+
+// u and v a pixel of the page. Downwards v grows.
+function steps() {
+    const box = canvas.getBoundingClientRect(), step = Math.max(1 / box.height, data.aspect / box.width) * data.extent;
+    return [step / place.closer / data.aspect, step / place.closer];
+}
+
+function pan(x, y) {
+    const [du, dv] = steps();
+    place.u += x * du;
+    place.v = Math.min(Math.max(place.v + y * dv, data.lowest), data.highest);
+    show();
+}
+
+// What lies at x, y, in pixels from the middle, stays there.
+function zoom(factor, x, y) {
+    const [du, dv] = steps();
+    const closer = Math.min(Math.max(place.closer * factor, data.farthest), data.closest);
+    const moved = 1 - place.closer / closer;
+    Object.assign(place, { closer, u: place.u + (data.pans ? x * du * moved : 0), v: place.v + (data.pans ? y * dv * moved : 0) });
+    show();
+}
+
+function show() {
+    if (!waiting) requestAnimationFrame(draw);
+    waiting = true;
+}
+
+function valueOf(control) {
+    if (control.type === "checkbox") return [control.checked ? 1 : 0];
+    if (control.type !== "color") return [Number(control.value)];
+    return [1, 3, 5].map((at) => parseInt(control.value.slice(at, at + 2), 16) / 255);
+}
+
+function draw() {
+    waiting = false;
+    const began = performance.now(), box = canvas.getBoundingClientRect(), ratio = Math.min(devicePixelRatio, 2);
+    const width = Math.max(Math.round(box.width * ratio), 1), height = Math.max(Math.round(box.height * ratio), 1);
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    const [du, dv] = [(steps()[0] * box.width) / width, (steps()[1] * box.height) / height];
+    const view = [place.u - (width / 2) * du, place.v + (height / 2) * dv, du, -dv];
+    gl.viewport(0, 0, width, height);
+    gl.uniform4fv(gl.getUniformLocation(program, "view"), view);
+    gl.uniform2f(gl.getUniformLocation(program, "size"), width, height);
+    for (const control of controls) {
+        const value = valueOf(control), location = gl.getUniformLocation(program, control.dataset.uniform);
+        if (value.length === 3) gl.uniform3fv(location, value);
+        else gl.uniform1f(location, value[0]);
+        const output = control.parentElement.querySelector("output");
+        if (output) output.textContent = value[0].toFixed(control.dataset.digits ?? 2);
+    }
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    canvas.dataset.view = view.join(" ");
+    element("size").textContent = `${width} \u00d7 ${height}`;
+    whenDone(gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0), began);
+}
+
+// Asks again and again without blocking: a message comes sooner than a timer.
+function whenDone(fence, began) {
+    gl.flush();
+    const { port1, port2 } = new MessageChannel();
+    port1.onmessage = () => {
+        if (gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) return port2.postMessage(0);
+        port1.close();
+        gl.deleteSync(fence);
+        tell(performance.now() - began);
+    };
+    port2.postMessage(0);
+}
+
+function tell(milliseconds) {
+    if (!element("first").dataset.milliseconds) {
+        const now = performance.now();
+        element("first").dataset.milliseconds = now;
+        element("first").textContent = `${now.toFixed(0)} ms`;
+        canvas.toBlob((blob) => { element("png").textContent = `${(blob.size / 1000).toFixed(1)} kB`; });
+        show();  // the first frame's time is mostly the compiler's
+    } else {
+        frames = [...frames.slice(-8), milliseconds];
+        const middle = [...frames].sort((a, b) => a - b)[frames.length >> 1];
+        element("frame").textContent = `${middle.toFixed(1)} ms`;
+        element("frame").dataset.milliseconds = middle;
+    }
+}
+
+function gesture() {
+    const points = [...pointers.values()], [a, b] = points, sum = (name) => points.reduce((s, p) => s + p[name], 0);
+    const spread = b ? Math.max(Math.hypot(a.x - b.x, a.y - b.y), 1) : 1;
+    return { x: sum("x") / points.length, y: sum("y") / points.length, spread };
+}
+
+function pointOf(event) {
+    const box = canvas.getBoundingClientRect();
+    return { x: event.clientX - box.left - box.width / 2, y: event.clientY - box.top - box.height / 2 };
+}
+
+function moved(event) {
+    if (!pointers.has(event.pointerId)) return;
+    const before = gesture();
+    pointers.set(event.pointerId, pointOf(event));
+    const after = gesture();
+    pan(before.x - after.x, before.y - after.y);
+    zoom(after.spread / before.spread, after.x, after.y);
+}
+
+function pressed(event) {
+    const keys = {
+        ArrowLeft: () => pan(-32, 0), ArrowRight: () => pan(32, 0), ArrowUp: () => pan(0, -32), ArrowDown: () => pan(0, 32),
+        "+": () => zoom(1.25, 0, 0), "=": () => zoom(1.25, 0, 0), "-": () => zoom(0.8, 0, 0), 0: reset, Home: reset,
+    };
+    if (!(event.key in keys) || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    keys[event.key]();
+}
+
+function listen() {
+    canvas.addEventListener("pointerdown", (event) => {
+        canvas.setPointerCapture(event.pointerId);
+        pointers.set(event.pointerId, pointOf(event));
+    });
+    canvas.addEventListener("pointermove", moved);
+    for (const name of ["pointerup", "pointercancel"]) {
+        canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
+    }
+    canvas.addEventListener("wheel", (event) => {
+        event.preventDefault();
+        const { x, y } = pointOf(event), pixels = event.deltaY * (event.deltaMode ? 30 : 1);
+        zoom(Math.exp(-0.0015 * Math.min(Math.max(pixels, -400), 400)), x, y);
+    }, { passive: false });
+    canvas.addEventListener("keydown", pressed);
+    canvas.addEventListener("webglcontextlost", () => problem("The graphics driver gave up; load the page again."));
+    element("closer").addEventListener("click", () => zoom(1.25, 0, 0));
+    element("farther").addEventListener("click", () => zoom(0.8, 0, 0));
+    element("again").addEventListener("click", reset);
+    element("controls").addEventListener("submit", (event) => event.preventDefault());
+    element("controls").addEventListener("input", (event) => {
+        const other = element(event.target.dataset.clears);
+        if (other) other.checked = false;
+        show();
+    });
+    new ResizeObserver(show).observe(canvas);
+}
+
+start();
