@@ -2,6 +2,7 @@
 
 import base64
 import html
+import io
 import json
 import re
 from collections.abc import Mapping
@@ -10,22 +11,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from warp_neural import __version__
 from warp_neural.errors import InputError
 from warp_neural.export.gles import TABLE_WIDTH, Gles
 from warp_neural.export.program import Program
+from warp_neural.imaging.image import linear_to_srgb
+from warp_neural.nn.mlp import MLP
 from warp_neural.texture.block_state import BlockState
 
 TEXT = Path(__file__).parent / "text"
 WIDEST = 128  # neurons of a layer: its weights are text, 0.2 MB where two layers have as many
+PNG_SIDE = 256
 HELP = "Drag or use the arrow keys to move; wheel, pinch, + and &minus; to come closer; 0 to start again."
 README = """# {name}
 
 {about}.
 
 `{name}.html` is all: open it in a browser with WebGL2, from the disk too. It asks for nothing over the network. The
-weights are constants of its fragment shader{precision}. {shows}
+weights are constants of its fragment shader, {precision}; it computes in float32. {shows}
 """
 
 
@@ -49,7 +54,7 @@ def page_files(program: Program, name: str, about: str, texture: BlockState | No
     widest = max(program.state.spec.sizes)
     if widest > WIDEST:
         raise InputError(f"a layer of {widest}: pages have layers of up to {WIDEST}, as constants; give target wgsl")
-    readme = README.format(name=name, about=about, precision=f", of {program.precision}", shows=kind.about)
+    readme = README.format(name=name, about=about, precision=program.precision, shows=kind.about)
     return {f"{name}.html": page(program, kind, name, about).encode(), "README.md": readme.encode()}
 
 
@@ -59,11 +64,23 @@ def kind_of(program: Program, texture: BlockState | None) -> Kind:
 
         return texture_kind(program, texture)
     if (program.n_in, program.n_out) == (2, 3):
-        return Kind((TEXT / "picture.frag").read_text(), PICTURE, "", network_facts(program))
+        facts = (*network_facts(program), (f"As a PNG of {PNG_SIDE} x {PNG_SIDE}", f"{png_size(program):,} bytes"))
+        return Kind((TEXT / "picture.frag").read_text(), PICTURE, "", facts)
     raise InputError(
         f"{program.n_in} inputs and {program.n_out} results: pages show pictures, 2 inputs (u, v) and 3 results (linear "
         "RGB), and textures for engines; give target wgsl for others"
     )
+
+
+def png_size(program: Program) -> int:
+    """Bytes of the picture by Python."""
+    v, u = np.meshgrid(*2 * ((np.arange(PNG_SIDE) + 0.5) / PNG_SIDE,), indexing="ij")
+    net = MLP.from_state(program.state, device="cpu")
+    linear = net.evaluate(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32)).numpy()
+    codes = np.rint(255 * linear_to_srgb(np.clip(np.float32(linear), 0, 1))).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(codes.reshape(PNG_SIDE, PNG_SIDE, 3)).save(file, "png", optimize=True)
+    return file.tell()
 
 
 PICTURE = "The network is asked for a colour, linear RGB, at (u, v) of every pixel; it is shown as sRGB."
@@ -77,7 +94,7 @@ def page(program: Program, kind: Kind, name: str, about: str) -> str:
         **{"aspect": 1.0, "start": [0.5, 0.5], "extent": 1.0, "lowest": -1e6, "highest": 1e6, "pans": True},
         **{"closest": 2000, "farthest": 0.1, "latents": [], "table": table_of(program), **(kind.data or {})},
     }
-    facts = (*kind.facts, ("This page", "@BYTES@ bytes"))
+    facts = (("This page", "@BYTES@ bytes"), *kind.facts)
     values = {
         "VERSION": __version__,
         "TITLE": html.escape(name.replace("_", " ")),

@@ -24,7 +24,8 @@ class Program:
     layers, with sums in float32.
 
     by_inputs: weights of a layer lie [n_in, n_out], as CPUs sum them, else row major, [n_out, n_in]. unrolled: layers
-    have their weights in the text, and `weights` is only the encoding's parameters.
+    are `Layer`s, `weights` only the encoding's parameters, and vectors between layers float32 whatever the precision:
+    where that is needed there are no halves, and `to_half` takes longer than the products.
     """
 
     state: NetworkState
@@ -80,7 +81,7 @@ class Program:
             statements.append(Block(type(encoding).__name__, tuple(encoded)))
         else:
             statements += [Set(f"h0[{i}]", value) for i, value in enumerate(x)]
-        if self.precision == "float16":
+        if self.precision == "float16" and not self.unrolled:
             statements.append(For("i_input", spec.sizes[0], (Set("h0[i_input]", "to_half(h0[i_input])"),)))
         for l in range(len(spec.layers)):
             statements += self._layer(l)
@@ -91,11 +92,11 @@ class Program:
         (n_in, n_out), last = spec.layers[l], l == len(spec.layers) - 1
         start = spec.offsets[l]
         result = portable(spec.activation_of(l))
-        if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
-            result = f"to_half({result})"
         if self.unrolled:
             target, weights, biases = "y" if last else f"h{l + 1}", self._rounded(l), self.state.biases[l]
             return [Layer(f"h{l}", target, weights, biases, result, first=l == 0, last=last)]
+        if (self.precision == "float16" and not last) or (last and spec.dtype.__name__ == "float16"):
+            result = f"to_half({result})"
         biases, sums = start + n_in * n_out, f"sums{l}"
         n, k, m, o = (f"{name}{l}" for name in ("n", "k", "m", "o"))
         begin = For(m, n_out, (Set(f"{sums}[{m}]", f"weights[{biases} + {m}]"),))

@@ -62,7 +62,8 @@ class Block:
 @dataclass(frozen=True, eq=False)
 class Layer:
     """`target[o]` = result, of `z`: biases[o] plus the sum of weights[o, k] * source[k] over k. The numbers are in the
-    text: for languages that unroll it."""
+    text, for languages that unroll it; they keep vectors between layers as they like, but read the `first` one from an
+    array and write the `last` one to one."""
 
     source: str
     target: str

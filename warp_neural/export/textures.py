@@ -126,10 +126,16 @@ def texture_use(state: BlockState, files: Sequence[str]) -> str:
 
 
 def texture_rows(state: BlockState, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random (u, v, level of detail), and what Python samples there on the CPU."""
-    texture, random = EngineTexture(state, "cpu"), np.random.default_rng(0)
+    """Random (u, v, level of detail), and what Python samples there."""
+    random = np.random.default_rng(0)
     uv, lod = random.uniform(-0.5, 1.5, (count, 2)), random.uniform(0, state.spec.mips - 1, (count, 1))
     inputs = np.concatenate([uv, lod], axis=1).astype(np.float32)
+    return inputs, sampled(state, inputs)
+
+
+def sampled(state: BlockState, inputs: np.ndarray) -> np.ndarray:
+    """What Python samples on the CPU at (u, v, level of detail), float32 [rows, 3]."""
+    texture, count = EngineTexture(state, "cpu"), len(inputs)
     sample, params_type, vec = texture.sample, texture.Params, wp.types.vector(state.spec.channels, float)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -139,7 +145,7 @@ def texture_rows(state: BlockState, count: int) -> tuple[np.ndarray, np.ndarray]
 
     results = wp.empty(count, dtype=vec, device="cpu")
     wp.launch(samples, count, [texture.params, wp.array(inputs, dtype=wp.vec3, device="cpu"), results], device="cpu")
-    return inputs, results.numpy()
+    return results.numpy()
 
 
 def stored(maps: Sequence[Map]) -> list[Set]:

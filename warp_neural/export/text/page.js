@@ -7,7 +7,9 @@ const canvas = element("picture");
 const controls = [...document.querySelectorAll("[data-uniform]")];
 const pointers = new Map();
 const place = {};  // u, v in the middle of the canvas, and how much closer than at the start
-let gl, program, waiting = false, frames = [];
+const PATIENCE = 60;  // milliseconds a frame while something moves
+let gl, program, coarse = 4, settling;
+let busy = false, stale = false;  // a frame is on its way; something has moved since it began
 
 function problem(text) {
     element("problem").textContent = text;
@@ -66,8 +68,10 @@ function zoom(factor, x, y) {
 }
 
 function show() {
-    if (!waiting) requestAnimationFrame(draw);
-    waiting = true;
+    stale = true;
+    canvas.ariaBusy = "true";
+    if (!busy) requestAnimationFrame(() => draw(coarse));
+    busy = true;
 }
 
 function valueOf(control) {
@@ -76,9 +80,11 @@ function valueOf(control) {
     return [1, 3, 5].map((at) => parseInt(control.value.slice(at, at + 2), 16) / 255);
 }
 
-function draw() {
-    waiting = false;
-    const began = performance.now(), box = canvas.getBoundingClientRect(), ratio = Math.min(devicePixelRatio, 2);
+// Every `pixels`-th pixel of each row and column.
+function draw(pixels) {
+    clearTimeout(settling);
+    [busy, stale] = [true, false];
+    const began = performance.now(), box = canvas.getBoundingClientRect(), ratio = Math.min(devicePixelRatio, 2) / pixels;
     const width = Math.max(Math.round(box.width * ratio), 1), height = Math.max(Math.round(box.height * ratio), 1);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const [du, dv] = [(steps()[0] * box.width) / width, (steps()[1] * box.height) / height];
@@ -95,36 +101,47 @@ function draw() {
     }
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     canvas.dataset.view = view.join(" ");
-    element("size").textContent = `${width} \u00d7 ${height}`;
-    whenDone(gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0), began);
+    whenDone(gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0), () => drawn(performance.now() - began, pixels));
 }
 
 // Asks again and again without blocking: a message comes sooner than a timer.
-function whenDone(fence, began) {
+function whenDone(fence, act) {
     gl.flush();
     const { port1, port2 } = new MessageChannel();
     port1.onmessage = () => {
         if (gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) return port2.postMessage(0);
         port1.close();
         gl.deleteSync(fence);
-        tell(performance.now() - began);
+        act();
     };
     port2.postMessage(0);
 }
 
-function tell(milliseconds) {
-    if (!element("first").dataset.milliseconds) {
-        const now = performance.now();
-        element("first").dataset.milliseconds = now;
-        element("first").textContent = `${now.toFixed(0)} ms`;
-        canvas.toBlob((blob) => { element("png").textContent = `${(blob.size / 1000).toFixed(1)} kB`; });
-        show();  // the first frame's time is mostly the compiler's
-    } else {
-        frames = [...frames.slice(-8), milliseconds];
-        const middle = [...frames].sort((a, b) => a - b)[frames.length >> 1];
-        element("frame").textContent = `${middle.toFixed(1)} ms`;
-        element("frame").dataset.milliseconds = middle;
+// Slow machines see fewer pixels while something moves, and all of them soon after.
+function drawn(milliseconds, pixels) {
+    const first = element("first");
+    busy = false;
+    if (first.dataset.milliseconds) {
+        const full = milliseconds * pixels * pixels;
+        coarse = [1, 2, 4, 8].find((each) => full < PATIENCE * each * each) ?? 8;
+        element("frame").textContent = `${milliseconds.toFixed(1)} ms`;
+        element("frame").dataset.milliseconds = milliseconds;
+        element("size").textContent = `${canvas.width} \u00d7 ${canvas.height}`;
+    } else {  // its time is mostly the compiler's
+        first.dataset.milliseconds = performance.now();
+        first.textContent = `${performance.now().toFixed(0)} ms`;
     }
+    if (stale) show();
+    else if (pixels > 1) settling = setTimeout(() => draw(1), 150);
+    else canvas.ariaBusy = "false";
+}
+
+function save() {
+    canvas.toBlob((blob) => {
+        const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${document.title}.png` });
+        link.click();
+        URL.revokeObjectURL(link.href);
+    });
 }
 
 function gesture() {
@@ -176,6 +193,7 @@ function listen() {
     element("closer").addEventListener("click", () => zoom(1.25, 0, 0));
     element("farther").addEventListener("click", () => zoom(0.8, 0, 0));
     element("again").addEventListener("click", reset);
+    element("save").addEventListener("click", save);
     element("controls").addEventListener("submit", (event) => event.preventDefault());
     element("controls").addEventListener("input", (event) => {
         const other = element(event.target.dataset.clears);

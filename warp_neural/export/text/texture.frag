@@ -13,7 +13,7 @@ vec3 lit_surface(vec3 albedo, vec3 normal, float roughness, float metalness, flo
     vec3 f0 = mix(vec3(0.04), albedo, metalness);
     vec3 fresnel = f0 + (1.0 - f0) * pow(1.0 - max(dot(light, middle), 0.0), 5.0);
     vec3 reflected = albedo * (1.0 - metalness) / PI + fresnel * (a2 / (PI * d * d)) * visible;
-    return 3.0 * reflected * nl + 0.15 * occlusion * mix(albedo, f0, 0.5 * metalness);
+    return 4.0 * reflected * nl + 0.12 * occlusion * mix(albedo, f0, 0.5 * metalness);
 }
 
 @SHOWN@
