@@ -108,7 +108,7 @@ def test_the_folder_builds_as_its_readme_says(tmp_path):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_exports_are_reproducible_and_never_overwrite(target, tmp_path):
-    net = wn.MLP(3, 2, 8, 1, device="cpu", seed=3)
+    net = wn.MLP(2, 3, 8, 1, device="cpu", seed=3)
     first = export(net, target, tmp_path / "a", name="small net")
     again = export(net.state, target, tmp_path / "b", name="small net")
     for one, other in zip(first["files"], again["files"], strict=True):

@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 FLAGS = "--no-sandbox", "--enable-unsafe-swiftshader"  # WebGL2 on the CPU
+OWN = "GPU stall due to ReadPixels"
 SETTLED = "#picture[aria-busy=false]"
 
 
@@ -42,9 +43,17 @@ def browser() -> Iterator:
             started.close()
 
 
-def opened(started, path: Path, size: tuple[int, int] = (280, 640)):
-    """The page of a file, drawn. size: of the window, in pixels."""
-    page = started.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
+def opened(started, path: Path, said: list[str] | None = None, script: str = "", **options):
+    """The page of a file, drawn. said: gets what it asks for and what it says; script: runs before the page's.
+    options: of playwright's new_page.
+
+    Without a GPU the browser itself reads what a page has drawn, and its driver calls that slow, in the page's name."""
+    page = started.new_page(viewport={"width": 280, "height": 640}, **options)
+    said = [] if said is None else said
+    page.on("request", lambda request: said.append(request.url))
+    page.on("console", lambda message: OWN in message.text or said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.add_init_script(script)
     page.goto(path.resolve().as_uri())
     page.wait_for_selector(SETTLED)
     return page

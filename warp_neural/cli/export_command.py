@@ -17,7 +17,7 @@ class Export:
     source: tyro.conf.Positional[Path]
     """.safetensors of a network"""
     target: Literal["cpp", "glsl", "hlsl", "slang", "wgsl", "msl", "html"]
-    """cpp: a C++17 header for the CPU, with a CMake project; html: a page that shows a picture or a texture for engines;
+    """cpp: a C++17 header for the CPU, with a CMake project; html: a page that shows a picture, a sphere or a texture;
     the others compute shaders"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """folder for the files"""

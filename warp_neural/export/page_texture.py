@@ -1,11 +1,10 @@
 """Pages of neural textures for engines: latents filtered by hardware, one evaluation of the network, maps and light."""
 
-import html
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from warp_neural.export.gles import Gles
-from warp_neural.export.page import HELP, TEXT, Kind, coded, network_facts
+from warp_neural.export.page_parts import TEXT, Kind, choice, coded, light_sliders, network_facts, slider, switch
 from warp_neural.export.program import Program
 from warp_neural.export.statements import number
 from warp_neural.export.textures import latent_inputs, stored
@@ -13,6 +12,7 @@ from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.state import Map
 
 LIT = "lit"
+USUAL = {"roughness": "0.6", "metalness": "0.0", "ao": "1.0"}  # where there is no such map
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def texture_kind(program: Program, state: BlockState) -> Kind:
         f"filters {count} latent textures, and one network makes all maps of them at every pixel."
     )
     data = {"aspect": spec.width / spec.height, "latents": latents, "closest": 64}
-    return Kind(main_of(program, state, views), about, controls_of(views, spec.mips), facts, data, HELP)
+    return Kind(main_of(program, state, views), about, controls_of(views, spec.mips), facts, data)
 
 
 def latent(state: BlockState, g: int) -> dict:
@@ -63,21 +63,19 @@ def main_of(program: Program, state: BlockState, views: Sequence[View]) -> str:
 
 
 def views_of(maps: Sequence[Map]) -> Iterator[View]:
-    values = dict(zip(maps, channels_of(maps), strict=True))
-    by_name = {each.name: values[each] for each in maps}
-    normal = next((values[each] for each in maps if each.kind == "normal" and each.channels == 3), None)
-    if normal and len(by_name.get("albedo", ())) == 3:
-        rough, metal, occlusion = (by_name.get(n, (d,))[0] for n, d in (("roughness", "0.6"), ("metalness", "0.0"), ("ao", "1.0")))
-        albedo = f"to_linear({vector(by_name['albedo'])})"
-        surface = f"{albedo}, normalize(2.0 * {vector(normal)} - 1.0), {rough}, {metal}, {occlusion}"
-        yield View(LIT, f"to_srgb(lit_surface({surface}))")
-    for each in maps:
+    channels = list(channels_of(maps))
+    named = {each.name: values for each, values in zip(maps, channels, strict=True)}
+    if all(len(named.get(name, ())) == 3 for name in ("albedo", "normal")):
+        rest = [named.get(name, (usual,))[0] for name, usual in USUAL.items()]
+        surface = f"to_linear({vector(named['albedo'])}), normalize(2.0 * {vector(named['normal'])} - 1.0)"
+        yield View(LIT, f"to_srgb(lit_surface({', '.join([surface, *rest])}))")
+    for each, values in zip(maps, channels, strict=True):
         if each.channels <= 3:
-            yield View(each.name, shown_of(each, values[each]))
+            yield View(each.name, shown_of(each, values))
         else:
-            yield View(f"{each.name}, channels 0 to 2", shown_of(each, values[each][:3]))
+            yield View(f"{each.name}, channels 0 to 2", shown_of(each, values[:3]))
             for c in range(3, each.channels):
-                yield View(f"{each.name}, channel {c}", shown_of(each, values[each][c : c + 1]))
+                yield View(f"{each.name}, channel {c}", shown_of(each, values[c : c + 1]))
 
 
 def channels_of(maps: Sequence[Map]) -> Iterator[tuple[str, ...]]:
@@ -105,24 +103,9 @@ def shown_of(each: Map, values: Sequence[str]) -> str:
 
 
 def controls_of(views: Sequence[View], mips: int) -> str:
-    options = "".join(f'<option value="{i}">{html.escape(view.label)}</option>' for i, view in enumerate(views))
-    rows = [f'<label for="shown">Shown</label><select id="shown" data-uniform="shown">{options}</select>']
+    rows = [choice("shown", "Shown", [view.label for view in views])]
     if mips > 1:
-        rows.append(
-            '<label for="automatic">Mip level by distance</label>'
-            '<input type="checkbox" id="automatic" data-uniform="automatic" checked>'
-        )
+        rows.append(switch("automatic", "Mip level by distance", on=True))
         rows.append(slider("level", "Mip level", 0, mips - 1, 0.01, 0, 'data-clears="automatic"'))
     rows.append(slider("tilt", "Tilt", 0, 1.9, 0.01, 0))
-    if views[0].label == LIT:
-        rows.append(slider("azimuth", "Light from", -180, 180, 1, 135, 'data-digits="0"'))
-        rows.append(slider("elevation", "Height of the light", 5, 90, 1, 40, 'data-digits="0"'))
-    return "\n".join(f"<div>{row}</div>" for row in rows)
-
-
-def slider(name: str, label: str, low: float, high: float, step: float, value: float, more: str = "") -> str:
-    numbers = f'min="{low}" max="{high}" step="{step}" value="{value}"'
-    return (
-        f'<label for="{name}">{label}</label><output for="{name}"></output>'
-        f'<input type="range" id="{name}" data-uniform="{name}" {numbers} {more}>'.replace(" >", ">")
-    )
+    return "".join([*rows, light_sliders(135, 40) if views[0].label == LIT else ""])

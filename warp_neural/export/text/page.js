@@ -47,7 +47,7 @@ function reset() {
 
 // u and v a pixel of the page. Downwards v grows.
 function steps() {
-    const box = canvas.getBoundingClientRect(), step = Math.max(1 / box.height, data.aspect / box.width) * data.extent;
+    const box = canvas.getBoundingClientRect(), step = Math.max(1 / box.height, data.aspect / box.width);
     return [step / place.closer / data.aspect, step / place.closer];
 }
 
