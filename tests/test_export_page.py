@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from engine_textures import MAPS, SPEC, make_state
+from PIL import Image
 
 import warp_neural as wn
 from warp_neural.errors import InputError
@@ -238,6 +239,36 @@ def test_a_sphere(started, tmp_path):
     turned, _uv = browser.pixels(page)
     unlike = (turned != checked).any(-1)
     assert 0.02 < unlike.mean() < 0.5 and (turned.any(-1) == checked.any(-1)).all()  # the light has not moved
+
+
+def test_problems_are_said(started, tmp_path):
+    export(picture_net(), "html", tmp_path)
+    text = (tmp_path / "network.html").read_text()
+    assert text.count("void main() {\\n    vec2 uv") == 1
+    (tmp_path / "wrong.html").write_text(text.replace("void main() {\\n    vec2 uv", "void main() {\\n    vec2 uw"))
+    page = started.new_page()
+    page.goto((tmp_path / "wrong.html").as_uri())
+    assert "driver refuses the shader: ERROR" in page.text_content("#problem")
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto((tmp_path / "network.html").as_uri())
+    assert "no WebGL2" in page.text_content("#problem") and page.is_visible("#problem")
+
+
+def test_saving_a_picture(started, tmp_path):
+    _net, page = open_picture(started, tmp_path)
+    codes, _uv = browser.pixels(page)
+    with page.expect_download() as saved:
+        page.click("#save")
+    assert saved.value.suggested_filename == "network.png"
+    np.testing.assert_array_equal(np.asarray(Image.open(saved.value.path()).convert("RGB")), codes)
+
+
+def test_networks_of_other_formats(tmp_path):
+    """Their weights as float16, as the other targets have them."""
+    for precision in ("e5m2", "int8"):
+        net = wn.MLP(2, 3, 16, 1, precision=precision, device="cpu")
+        made = export(net, "html", tmp_path / precision, precision="float16")
+        assert made["precision"] == "float16" and "float16" in (tmp_path / precision / "README.md").read_text()
 
 
 def test_what_pages_cannot_show(tmp_path):

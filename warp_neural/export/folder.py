@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,11 @@ from warp_neural import __version__
 from warp_neural.errors import InputError
 from warp_neural.export import cpp
 from warp_neural.export.page import page_files
-from warp_neural.export.program import Program, make_program
+from warp_neural.export.program import Program, evaluated, make_program
 from warp_neural.export.shaders import GROUP, SHADERS
 from warp_neural.export.textures import check_target, texture_rows, texture_source, texture_use
 from warp_neural.imaging.dds import dds_bytes
 from warp_neural.io.files import atomic_path
-from warp_neural.kernels.nn.spec import FORMATS
 from warp_neural.nn.mlp import MLP
 from warp_neural.nn.network_file import read_state
 from warp_neural.nn.state import NetworkState
@@ -179,7 +177,4 @@ def rows_of(program: Program) -> tuple[np.ndarray, np.ndarray]:
     inputs = random.uniform(-1, 1, (ROWS, program.n_in)).astype(np.float32)
     if program.n_in == 3:
         inputs /= np.linalg.norm(inputs, axis=1, keepdims=True)
-    spec = replace(program.state.spec, format=FORMATS[program.precision], accumulation="float32")
-    net = MLP.from_state(replace(program.state, spec=spec, implementation="cooperative", steps=None), device="cpu")
-    given = inputs.astype(np.float16) if spec.dtype.__name__ == "float16" else inputs
-    return given.astype(np.float32), net.evaluate(given).numpy().astype(np.float32)
+    return evaluated(program, inputs)

@@ -26,8 +26,7 @@ class Gles(Glsl):
     def fragment(self, program: Program, about: str, main: str) -> str:
         """main: declarations and functions after `evaluate`, `main` among them."""
         body = self.lines(program.body)
-        texts = body + main
-        functions = (self.function(each) for each in library.ALL if f"{each.name}(" in texts)
+        functions = (self.function(each) for each in library.ALL if f"{each.name}(" in body)
         table = TABLE if "weight(" in body else ""
         parts = [self.natives, table, *functions, self.evaluate, main]
         text = "\n".join([f"{self.first}// {about}", *(part.strip("\n") for part in parts if part)])

@@ -6,9 +6,8 @@ import numpy as np
 from PIL import Image
 
 from warp_neural.export.page_parts import TEXT, Kind, network_facts
-from warp_neural.export.program import Program
+from warp_neural.export.program import Program, evaluated
 from warp_neural.imaging.image import linear_to_srgb
-from warp_neural.nn.mlp import MLP
 
 ABOUT = "The network is asked for a colour, linear RGB, at (u, v) of every pixel; it is shown as sRGB."
 PNG_SIDE = 256
@@ -23,8 +22,7 @@ def png_size(program: Program) -> int:
     """Bytes of the picture, by Python."""
     centres = (np.arange(PNG_SIDE, dtype=np.float32) + 0.5) / PNG_SIDE
     v, u = np.meshgrid(centres, centres, indexing="ij")
-    net = MLP.from_state(program.state, device="cpu")
-    linear = np.float32(net.evaluate(np.stack([u, v], -1).reshape(-1, 2)).numpy())
+    _inputs, linear = evaluated(program, np.stack([u, v], -1).reshape(-1, 2))
     codes = np.rint(255 * linear_to_srgb(np.clip(linear, 0, 1))).astype(np.uint8)
     file = io.BytesIO()
     Image.fromarray(codes.reshape(PNG_SIDE, PNG_SIDE, 3)).save(file, "png", optimize=True)

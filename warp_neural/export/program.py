@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from warp_neural.export.encodings import encode
 from warp_neural.export.statements import Array, Block, For, Layer, Let, Set, Statement, without_ternaries
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.spec import FORMATS
+from warp_neural.nn.mlp import MLP
 from warp_neural.nn.state import NetworkState
 
 PRECISIONS = "float32", "float16"
@@ -109,6 +110,14 @@ class Program:
         finish = For(o, n_out, (Let(f"z{l}", "float", f"{sums}[{o}]"), Set(target, re.sub(r"\bz\b", f"z{l}", result))))
         arrays = [Array(sums, n_out)] + ([] if last else [Array(f"h{l + 1}", n_out)])
         return [*arrays, begin, products, finish]
+
+
+def evaluated(program: Program, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of inputs as the network has them, and what Python makes of them on the CPU, float32."""
+    spec = replace(program.state.spec, format=FORMATS[program.precision], accumulation="float32")
+    net = MLP.from_state(replace(program.state, spec=spec, implementation="cooperative", steps=None), device="cpu")
+    given = inputs.astype(np.float16) if spec.dtype.__name__ == "float16" else inputs
+    return given.astype(np.float32), net.evaluate(given).numpy().astype(np.float32)
 
 
 def make_program(state: NetworkState, precision: str | None = None, by_inputs: bool = False) -> Program:

@@ -15,26 +15,29 @@ function problem(text) {
     element("problem").textContent = text;
 }
 
-function compiled(type, source) {
-    const shader = gl.createShader(type);
-    gl.shaderSource(shader, source);
-    gl.compileShader(shader);
-    return shader;
+function linked(sources) {
+    const result = gl.createProgram();
+    const shaders = sources.map(([type, source]) => {
+        const shader = gl.createShader(type);
+        gl.shaderSource(shader, source);
+        gl.compileShader(shader);
+        gl.attachShader(result, shader);
+        return shader;
+    });
+    gl.linkProgram(result);
+    if (gl.getProgramParameter(result, gl.LINK_STATUS)) return result;
+    const logs = [...shaders.map((shader) => gl.getShaderInfoLog(shader)), gl.getProgramInfoLog(result)];
+    problem(`The graphics driver refuses the shader: ${logs.find((log) => log)}`);
 }
 
 function start() {
     const options = { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true };
     gl = canvas.getContext("webgl2", options);
     if (!gl) return problem("This browser or its graphics driver has no WebGL2, which the page needs.");
-    program = gl.createProgram();
-    gl.attachShader(program, compiled(gl.VERTEX_SHADER, data.vertex));
-    gl.attachShader(program, compiled(gl.FRAGMENT_SHADER, data.fragment));
-    gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
-        return problem(`The graphics driver refuses the shader: ${gl.getProgramInfoLog(program)}`);
-    }
+    program = linked([[gl.VERTEX_SHADER, data.vertex], [gl.FRAGMENT_SHADER, data.fragment]]);
+    if (!program) return;
     gl.useProgram(program);
-    loadTextures(gl, program, data);
+    if (!loadTextures(gl, program, data)) return problem("The graphics driver refuses a texture, of this size perhaps.");
     listen();
     reset();
 }
@@ -62,14 +65,14 @@ function pan(x, y) {
 function zoom(factor, x, y) {
     const [du, dv] = steps();
     const closer = Math.min(Math.max(place.closer * factor, data.farthest), data.closest);
-    const moved = 1 - place.closer / closer;
-    Object.assign(place, { closer, u: place.u + (data.pans ? x * du * moved : 0), v: place.v + (data.pans ? y * dv * moved : 0) });
+    const moved = data.pans ? 1 - place.closer / closer : 0;
+    Object.assign(place, { closer, u: place.u + x * du * moved, v: place.v + y * dv * moved });
     show();
 }
 
 function show() {
     stale = true;
-    canvas.ariaBusy = "true";
+    canvas.setAttribute("aria-busy", true);
     if (!busy) requestAnimationFrame(() => draw(coarse));
     busy = true;
 }
@@ -104,12 +107,15 @@ function draw(pixels) {
     whenDone(gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0), () => drawn(performance.now() - began, pixels));
 }
 
-// Asks again and again without blocking: a message comes sooner than a timer.
+// Asks again and again without blocking: at first by messages, which come sooner than timers, but keep a core busy.
 function whenDone(fence, act) {
     gl.flush();
-    const { port1, port2 } = new MessageChannel();
+    const { port1, port2 } = new MessageChannel(), began = performance.now();
     port1.onmessage = () => {
-        if (gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) return port2.postMessage(0);
+        if (gl.clientWaitSync(fence, 0, 0) === gl.TIMEOUT_EXPIRED) {
+            if (performance.now() - began < 20) return port2.postMessage(0);
+            return setTimeout(port1.onmessage, 4);
+        }
         port1.close();
         gl.deleteSync(fence);
         act();
@@ -133,13 +139,13 @@ function drawn(milliseconds, pixels) {
     }
     if (stale) show();
     else if (pixels > 1) settling = setTimeout(() => draw(1), 150);
-    else canvas.ariaBusy = "false";
+    else canvas.setAttribute("aria-busy", false);
 }
 
 function save() {
     canvas.toBlob((blob) => {
-        const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${document.title}.png` });
-        link.click();
+        const link = document.createElement("a");
+        Object.assign(link, { href: URL.createObjectURL(blob), download: `${document.title}.png` }).click();
         URL.revokeObjectURL(link.href);
     });
 }
@@ -166,7 +172,8 @@ function moved(event) {
 
 function pressed(event) {
     const keys = {
-        ArrowLeft: () => pan(-32, 0), ArrowRight: () => pan(32, 0), ArrowUp: () => pan(0, -32), ArrowDown: () => pan(0, 32),
+        ArrowLeft: () => pan(-32, 0), ArrowRight: () => pan(32, 0),
+        ArrowUp: () => pan(0, -32), ArrowDown: () => pan(0, 32),
         "+": () => zoom(1.25, 0, 0), "=": () => zoom(1.25, 0, 0), "-": () => zoom(0.8, 0, 0), 0: reset, Home: reset,
     };
     if (!(event.key in keys) || event.ctrlKey || event.metaKey || event.altKey) return;
