@@ -23,3 +23,14 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip(f"real materials are not at {folder}")
     return folder
+
+
+@pytest.fixture(scope="module")
+def started():
+    """Chromium, for pages."""
+    from warp_neural.samples.deployment import browser
+
+    if lacking := browser.missing():
+        pytest.skip(f"no {lacking}: pip install playwright, and .ci/tools says how to get chromium")
+    with browser.browser() as found:
+        yield found

@@ -37,7 +37,7 @@ function start() {
     program = linked([[gl.VERTEX_SHADER, data.vertex], [gl.FRAGMENT_SHADER, data.fragment]]);
     if (!program) return;
     gl.useProgram(program);
-    if (!loadTextures(gl, program, data)) return problem("The graphics driver refuses a texture, of this size perhaps.");
+    if (!loadTextures(gl, program, data)) return problem("The graphics driver refuses the textures.");
     listen();
     reset();
 }
@@ -87,7 +87,8 @@ function valueOf(control) {
 function draw(pixels) {
     clearTimeout(settling);
     [busy, stale] = [true, false];
-    const began = performance.now(), box = canvas.getBoundingClientRect(), ratio = Math.min(devicePixelRatio, 2) / pixels;
+    const began = performance.now(), box = canvas.getBoundingClientRect();
+    const ratio = Math.min(devicePixelRatio, 2) / pixels;
     const width = Math.max(Math.round(box.width * ratio), 1), height = Math.max(Math.round(box.height * ratio), 1);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const [du, dv] = [(steps()[0] * box.width) / width, (steps()[1] * box.height) / height];

@@ -19,7 +19,7 @@ vec3 lit_surface(vec3 albedo, vec3 normal, float roughness, float metalness, flo
 @SHOWN@
 void main() {
     vec2 offset = gl_FragCoord.xy - 0.5 * size;
-    float depth = 1.0 - tilt * offset.y / size.y;  // of the plane, tilted about the middle of the canvas; 0 is its horizon
+    float depth = 1.0 - tilt * offset.y / size.y;  // of a plane, tilted about the canvas' middle; 0 is its horizon
     vec2 uv = view.xy + 0.5 * size * view.zw + offset * view.zw / max(depth, 0.001);
     vec2 dx = dFdx(uv) * texels, dy = dFdy(uv) * texels;
     float lod = automatic > 0.5 ? 0.5 * log2(max(dot(dx, dx), dot(dy, dy))) : level;

@@ -32,12 +32,12 @@ function decodedBlocks(bytes, width, height) {
 function uploadBlocks(gl, latent) {
     const format = gl.getExtension("WEBGL_compressed_texture_s3tc")?.COMPRESSED_RGB_S3TC_DXT1_EXT;
     const sizes = latent.levels.map((_, k) => [Math.max(latent.width >> k, 1), Math.max(latent.height >> k, 1)]);
-    const levels = latent.levels.map(bytesOf), count = levels.length, target = gl.TEXTURE_2D;
-    const inner = format ?? gl.RGBA8;
-    gl.texStorage2D(target, count, inner, ...sizes[0]);
-    levels.forEach((blocks, k) => {
-        if (format) gl.compressedTexSubImage2D(target, k, 0, 0, ...sizes[k], format, blocks);
-        else gl.texSubImage2D(target, k, 0, 0, ...sizes[k], gl.RGBA, gl.UNSIGNED_BYTE, decodedBlocks(blocks, ...sizes[k]));
+    const target = gl.TEXTURE_2D, count = sizes.length;
+    gl.texStorage2D(target, count, format ?? gl.RGBA8, ...sizes[0]);
+    sizes.forEach((size, k) => {
+        const blocks = bytesOf(latent.levels[k]), place = [target, k, 0, 0, ...size];
+        if (format) gl.compressedTexSubImage2D(...place, format, blocks);
+        else gl.texSubImage2D(...place, gl.RGBA, gl.UNSIGNED_BYTE, decodedBlocks(blocks, ...size));
     });
     const filter = count > 1 ? gl.LINEAR_MIPMAP_LINEAR : gl.LINEAR;
     gl.texParameteri(target, gl.TEXTURE_MIN_FILTER, filter);  // it repeats by default, and magnifies linearly
