@@ -1,4 +1,5 @@
-"""Fixtures: `device` is the CPU always, CUDA when present; `shared_data` skips where the data set is absent."""
+"""Fixtures: `device` is the CPU always, CUDA when present; `shared_data` and `started`, a browser, skip where there is
+none."""
 
 from pathlib import Path
 
