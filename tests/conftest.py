@@ -1,4 +1,5 @@
-"""Fixtures: `device` is the CPU always, CUDA when present; `shared_data` skips where the data set is absent."""
+"""Fixtures: `device` is the CPU always, CUDA when present; `shared_data` and `started`, a browser, skip where there is
+none."""
 
 from pathlib import Path
 
@@ -23,3 +24,14 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip(f"real materials are not at {folder}")
     return folder
+
+
+@pytest.fixture(scope="module")
+def started():
+    """Chromium, for pages."""
+    from warp_neural.samples.deployment import browser
+
+    if lacking := browser.missing():
+        pytest.skip(f"no {lacking}: pip install playwright, and .ci/tools says how to get chromium")
+    with browser.browser() as found:
+        yield found

@@ -11,7 +11,7 @@ MAPS = Map("albedo", "srgb", (0.0,) * 3, (1.0,) * 3), Map("height", "linear", (-
 SPEC = BlockSpec(48, 32, 4, 4, (1, 2, 4), (32, 32))
 
 
-def make_state(spec=SPEC, seed=4):
+def make_state(spec=SPEC, seed=4, maps=MAPS):
     rng = np.random.default_rng(seed)
     most = np.array([31, 63, 31] * 2 + [3] * 16)
     counts = [[int(np.prod(spec.blocks(mip, g))) for mip in range(spec.mips)] for g in range(len(spec.scales))]
@@ -21,4 +21,4 @@ def make_state(spec=SPEC, seed=4):
         last, biases = name[-1] == "2", name.startswith("biases")
         values = rng.normal(0.5 if last and biases else 0, (0.03 if last else 0.2), shape)
         tensors[name] = Tensor(np.rint(256 * values).astype(np.int32), 1 / 256)
-    return BlockState(spec, blocks, tensors, MAPS, {"psnr": 31.5})
+    return BlockState(spec, blocks, tensors, maps, {"psnr": 31.5})

@@ -110,7 +110,7 @@ def test_the_folder_builds_as_its_readme_says(tmp_path):
 def test_exports_are_reproducible_and_never_overwrite(target, tmp_path):
     if target == "vulkan" and (lacking := spirv.missing("float16")):
         pytest.skip(f"no {lacking}: .ci/tools says how to get it")
-    net, options = wn.MLP(3, 2, 8, 1, device="cpu", seed=3), {"name": "small net"}
+    net, options = wn.MLP(2, 3, 8, 1, device="cpu", seed=3), {"name": "small net"}
     if target == "cuda":
         options["archs"] = [80]
     first = export(net, target, tmp_path / "a", **options)

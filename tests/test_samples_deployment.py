@@ -9,7 +9,7 @@ from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, spirv
 from warp_neural.imaging.image import load_image, save_image
 from warp_neural.samples.deployment import __main__ as deployment
-from warp_neural.samples.deployment import vulkan
+from warp_neural.samples.deployment import browser, vulkan
 
 
 def test_every_target(tmp_path, device):
@@ -25,11 +25,12 @@ def test_every_target(tmp_path, device):
         exported = target != "vulkan" or not spirv.missing("float32")
         assert ran == (f"difference_{target}" in metrics) and (metrics[f"bytes_{target}"] > 1000) == exported
         if ran:
-            exact = target == "cpp"
-            assert metrics[f"difference_{target}"] <= (0 if exact else 1e-2 if device.is_cuda else 1e-5)
+            limit = {"cpp": 0, "html": 1e-2}.get(target, 1e-2 if device.is_cuda else 1e-5)  # a page has 8 bits
+            assert metrics[f"difference_{target}"] <= limit
     if lacking := spirv.missing("float32") or vulkan.missing():
         assert metrics["how_vulkan"] == f"not run: no {lacking}"
     assert (metrics["how_cpp"] == "g++") == bool(shutil.which("g++"))
+    assert metrics["how_html"].startswith("Chromium") == (browser.missing() is None)
     assert load_image(tmp_path / "out" / "deployment.png").std() > 0.05
 
 

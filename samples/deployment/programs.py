@@ -16,11 +16,16 @@ FLAGS, EXACT = ("-std=c++17", "-O3"), ("-march=native", "-ffp-contract=off")
 
 @dataclass(frozen=True)
 class Run:
-    """Results [rows, 3] where it ran; how, or what is missing."""
+    """Results [..., 3] where it ran, and Python's; how, or what is missing."""
 
     how: str
     results: np.ndarray | None = None
+    expected: np.ndarray | None = None
     seconds: float = 0.0
+
+    @property
+    def difference(self) -> float:
+        return float(np.abs(self.results - self.expected).max())
 
 
 def run_cpp(folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
@@ -36,7 +41,7 @@ def run_cpp(folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
     began = time.perf_counter()
     subprocess.run([str(program), str(rows), str(rows / "results.bin")], stdout=subprocess.DEVNULL)
     seconds = time.perf_counter() - began
-    return Run("g++", np.fromfile(rows / "results.bin", np.float32).reshape(expected.shape), seconds)
+    return Run("g++", np.fromfile(rows / "results.bin", np.float32).reshape(expected.shape), expected, seconds)
 
 
 def run_cuda(folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
@@ -55,7 +60,7 @@ def run_cuda(folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
         return Run(f"not run: {done.stderr.strip()}")
     rows, milliseconds = re.search(r"(\d+) rows: ([\d.]+) ms", done.stdout).groups()
     results = np.fromfile(copy / "results.bin", np.float32).reshape(expected.shape)
-    return Run(done.stdout.split(",")[0], results, 1e-3 * float(milliseconds) * len(inputs) / int(rows))
+    return Run(done.stdout.split(",")[0], results, expected, 1e-3 * float(milliseconds) * len(inputs) / int(rows))
 
 
 RUN = {"cpp": run_cpp, "cuda": run_cuda}

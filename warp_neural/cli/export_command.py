@@ -16,9 +16,10 @@ class Export:
 
     source: tyro.conf.Positional[Path]
     """.safetensors of a network"""
-    target: Literal["cpp", "cuda", "vulkan", "glsl", "hlsl", "slang", "wgsl", "msl"]
+    target: Literal["cpp", "cuda", "vulkan", "glsl", "hlsl", "slang", "wgsl", "msl", "html"]
     """cpp: a C++17 header for the CPU, with a CMake project; cuda: the same for NVIDIA's GPUs, with compiled kernels
-    that need the driver alone; vulkan: SPIR-V with a C++ program that runs it; the others compute shaders"""
+    that need the driver alone; vulkan: SPIR-V with a C++ program that runs it; html: a page that shows a picture, a
+    sphere or a texture; the others compute shaders"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """folder for the files"""
     precision: Literal["float32", "tf32", "float16", "bfloat16", "e4m3", "e5m2", "int8"] | None = None

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +13,19 @@ from warp_neural.errors import InputError
 from warp_neural.export import cooperative as vectors
 from warp_neural.export import cpp, vulkan
 from warp_neural.export.cuda import ARCHS, cuda_files
-from warp_neural.export.program import Program, check_finite, digest_of, make_program
+from warp_neural.export.page import page_files
+from warp_neural.export.program import Program, check_finite, digest_of, evaluated, make_program, network_of
 from warp_neural.export.shaders import GROUP, SHADERS
 from warp_neural.export.textures import check_target, texture_rows, texture_source, texture_use
 from warp_neural.imaging.dds import dds_bytes
 from warp_neural.io.files import atomic_path
-from warp_neural.kernels.nn.spec import format_of
 from warp_neural.nn.mlp import MLP
 from warp_neural.nn.network_file import read_state
 from warp_neural.nn.state import NetworkState
 from warp_neural.texture.block_state import BlockState
 from warp_neural.texture.engine_file import engine_state, latent_texture
 
-TARGETS = ("cpp", "cuda", "vulkan", *SHADERS)
+TARGETS = ("cpp", "cuda", "vulkan", *SHADERS, "html")
 ROWS = 256  # to compare with
 RESERVED = set(
     "alignas alignof and asm auto bitand bitor bool break case catch char class compl const constexpr continue default "
@@ -142,6 +141,8 @@ def check_options(target: str, archs: Sequence[int] | None, cooperative: bool, t
 
 def _files(program: Program, target: str, name: str, texture: BlockState | None, cooperative: bool) -> dict[str, bytes]:
     about = about_of(program.state, program.digest)
+    if target == "html":
+        return page_files(program, name, about, texture)
     inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(network_of(program.state, program.precision))
     files = {}
     if target == "cpp":
@@ -215,19 +216,10 @@ def use_of(target: str, name: str) -> str:
     )
 
 
-def network_of(state: NetworkState, precision: str | None) -> MLP:
-    """On the CPU, of another precision if one is given, with sums in float32 then."""
-    spec = state.spec
-    if precision:
-        spec = replace(spec, format=format_of(precision), accumulation="float32")
-    return MLP.from_state(replace(state, spec=spec, implementation="cooperative"), device="cpu")
-
-
 def rows_of(net: MLP) -> tuple[np.ndarray, np.ndarray]:
     """Inputs from -1 to 1, directions among them of length 1, and what Python makes of them."""
     random = np.random.default_rng(0)
     inputs = random.uniform(-1, 1, (ROWS, net.n_in)).astype(np.float32)
     if net.n_in == 3:
         inputs /= np.linalg.norm(inputs, axis=1, keepdims=True)
-    given = inputs.astype(np.float16) if net.spec.dtype.__name__ == "float16" else inputs
-    return given.astype(np.float32), net.evaluate(given).numpy().astype(np.float32)
+    return evaluated(net, inputs)

@@ -2,16 +2,17 @@
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from warp_neural.errors import InputError
 from warp_neural.export.encodings import encode
-from warp_neural.export.statements import Array, Block, For, Let, Set, Statement, without_ternaries
+from warp_neural.export.statements import Array, Block, For, Layer, Let, Set, Statement, without_ternaries
 from warp_neural.kernels.nn.activations import Activation
-from warp_neural.kernels.nn.spec import FORMATS
+from warp_neural.kernels.nn.spec import FORMATS, format_of
+from warp_neural.nn.mlp import MLP
 from warp_neural.nn.state import NetworkState
 
 PRECISIONS = "float32", "float16"
@@ -24,12 +25,15 @@ class Program:
     """`x` [n_in] to `y` [n_out] for a network of one. precision: float32, or float16 of weights and of vectors between
     layers, with sums in float32.
 
-    by_inputs: weights of a layer lie [n_in, n_out], as CPUs sum them, else row major, [n_out, n_in].
+    by_inputs: weights of a layer lie [n_in, n_out], as CPUs sum them, else row major, [n_out, n_in]. unrolled: layers
+    are `Layer`s, `weights` only the encoding's parameters, and vectors between layers float32 whatever the precision:
+    where that is needed there are no halves, and `to_half` takes longer than the products.
     """
 
     state: NetworkState
     precision: str
     by_inputs: bool = False
+    unrolled: bool = False
 
     def __post_init__(self) -> None:
         if self.state.count != 1:
@@ -52,10 +56,15 @@ class Program:
     def weights(self) -> np.ndarray:
         """Of each layer weights, then biases; then the encoding's parameters; float32."""
         parts = []
-        for w, b in zip(self.state.weights, self.state.biases, strict=True):
-            w = w.astype(np.float16).astype(np.float32) if self.precision == "float16" else w
+        for l, b in enumerate(self.state.biases if not self.unrolled else ()):
+            w = self._rounded(l)
             parts += [(w.T if self.by_inputs else w).ravel(), b]
         return np.concatenate([*parts, self.state.encoding_parameters.ravel()])
+
+    def _rounded(self, l: int) -> np.ndarray:
+        """Weights of a layer, [n_out, n_in]."""
+        w = self.state.weights[l]
+        return w.astype(np.float16).astype(np.float32) if self.precision == "float16" else w
 
     @property
     def digest(self) -> str:
@@ -68,7 +77,7 @@ class Program:
         x = tuple(f"x[{i}]" for i in range(self.n_in))
         statements: list[Statement] = [Array("h0", spec.sizes[0])]
         if encoding:
-            encoded = encode(encoding, x, 0, spec.n_parameters)
+            encoded = encode(encoding, x, 0, 0 if self.unrolled else spec.n_parameters)
             statements.append(Block(type(encoding).__name__, tuple(encoded)))
         else:
             statements += [Set(f"h0[{i}]", value) for i, value in enumerate(x)]
@@ -77,7 +86,7 @@ class Program:
     @cached_property
     def body(self) -> tuple[Statement, ...]:
         spec, statements = self.state.spec, list(self.encoded)
-        if self.precision == "float16":
+        if self.precision == "float16" and not self.unrolled:
             statements.append(For("i_input", spec.sizes[0], (Set("h0[i_input]", "to_half(h0[i_input])"),)))
         for l in range(len(spec.layers)):
             statements += self._layer(l)
@@ -87,6 +96,10 @@ class Program:
         spec = self.state.spec
         (n_in, n_out), last = spec.layers[l], l == len(spec.layers) - 1
         start = spec.offsets[l]
+        if self.unrolled:
+            target, weights, biases = "y" if last else f"h{l + 1}", self._rounded(l), self.state.biases[l]
+            result = portable(spec.activation_of(l))
+            return [Layer(f"h{l}", target, weights, biases, result, first=l == 0, last=last)]
         biases, sums = start + n_in * n_out, f"sums{l}"
         n, k, m, o = (f"{name}{l}" for name in ("n", "k", "m", "o"))
         begin = For(m, n_out, (Set(f"{sums}[{m}]", f"weights[{biases} + {m}]"),))
@@ -106,6 +119,20 @@ class Program:
     def activated(self, l: int) -> str:
         """What layer l makes of its sum `z{l}`, an expression."""
         return re.sub(r"\bz\b", f"z{l}", portable(self.state.spec.activation_of(l)))
+
+
+def network_of(state: NetworkState, precision: str | None) -> MLP:
+    """On the CPU, of another precision if one is given, with sums in float32 then."""
+    spec = state.spec
+    if precision:
+        spec = replace(spec, format=format_of(precision), accumulation="float32")
+    return MLP.from_state(replace(state, spec=spec, implementation="cooperative"), device="cpu")
+
+
+def evaluated(net: MLP, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of inputs as the network takes them, and what it makes of them, float32."""
+    given = inputs.astype(np.float16) if net.spec.dtype.__name__ == "float16" else inputs
+    return given.astype(np.float32), net.evaluate(given).numpy().astype(np.float32)
 
 
 def make_program(state: NetworkState, precision: str | None = None, by_inputs: bool = False) -> Program:

@@ -59,7 +59,22 @@ class Block:
     body: tuple["Statement", ...]
 
 
-Statement = Let | Variable | Array | Set | For | Block
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """`target[o]` = result, of `z`: biases[o] plus the sum of weights[o, k] * source[k] over k. The numbers are in the
+    text, for languages that unroll it; they keep vectors between layers as they like, but read the `first` one from an
+    array and write the `last` one to one."""
+
+    source: str
+    target: str
+    weights: np.ndarray  # [n_out, n_in]
+    biases: np.ndarray  # [n_out]
+    result: str
+    first: bool
+    last: bool
+
+
+Statement = Let | Variable | Array | Set | For | Block | Layer
 
 
 @dataclass(frozen=True)

@@ -77,22 +77,27 @@ TEXTS = {
 
 
 def check_target(target: str) -> None:
-    if target not in TEXTS:
-        raise InputError(f"a texture is not exported to {target}; give one of {', '.join(TEXTS)}")
+    if target not in (known := (*TEXTS, "html")):
+        raise InputError(f"a texture is not exported to {target}; give one of {', '.join(known)}")
 
 
 def texture_source(language: str, shader: Shader, program: Program, state: BlockState, about: str) -> str:
     """A shader whose rows are (u, v, level of detail), and whose results are channels as maps store them."""
-    text, spec = TEXTS[language], state.spec
-    latents = range(len(spec.scales))
+    text, latents = TEXTS[language], range(len(state.spec.scales))
     declared = [text.sampler, *(text.texture.format(g=g, binding=g + 1) for g in latents)]
     lines = [text.head.format(n_in=program.n_in, n_out=program.n_out)]
     lines += [INDENT + text.fetch.format(g=g) for g in latents]
-    inputs = [Set(f"x[{3 * g + c}]", f"{number(SPREAD)} * (c{g}.{'rgb'[c]} - 0.5f)") for g in latents for c in range(3)]
-    inputs += [Set(f"x[{program.n_in - 1}]", f"lod / {number(DETAIL_SCALE)}")] if spec.mips > 1 else []
-    lines += [shader.lines(tuple(inputs)) + INDENT + text.evaluate]
+    lines += [shader.lines(tuple(latent_inputs(program, state))) + INDENT + text.evaluate]
     lines += [shader.lines(tuple(stored(state.maps))) + text.tail]
     return shader.source(program, about, around="\n".join([*declared, *lines]), call=text.call)
+
+
+def latent_inputs(program: Program, state: BlockState) -> list[Set]:
+    """`x` of what was fetched."""
+    places = [(g, c) for g in range(len(state.spec.scales)) for c in range(3)]
+    inputs = [Set(f"x[{3 * g + c}]", f"{number(SPREAD)} * (c{g}.{'rgb'[c]} - 0.5f)") for g, c in places]
+    detail = Set(f"x[{program.n_in - 1}]", f"lod / {number(DETAIL_SCALE)}")
+    return [*inputs, detail] if state.spec.mips > 1 else inputs
 
 
 USE = """The network reads {count} latent textures, which lie beside it as `{first}` and so on: load them as any
@@ -121,10 +126,16 @@ def texture_use(state: BlockState, files: Sequence[str]) -> str:
 
 
 def texture_rows(state: BlockState, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random (u, v, level of detail), and what Python samples there on the CPU."""
-    texture, random = EngineTexture(state, "cpu"), np.random.default_rng(0)
+    """Random (u, v, level of detail), and what Python samples there."""
+    random = np.random.default_rng(0)
     uv, lod = random.uniform(-0.5, 1.5, (count, 2)), random.uniform(0, state.spec.mips - 1, (count, 1))
     inputs = np.concatenate([uv, lod], axis=1).astype(np.float32)
+    return inputs, sampled(state, inputs)
+
+
+def sampled(state: BlockState, inputs: np.ndarray) -> np.ndarray:
+    """What Python samples on the CPU at (u, v, level of detail), float32 [rows, 3]."""
+    texture, count = EngineTexture(state, "cpu"), len(inputs)
     sample, params_type, vec = texture.sample, texture.Params, wp.types.vector(state.spec.channels, float)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -134,7 +145,7 @@ def texture_rows(state: BlockState, count: int) -> tuple[np.ndarray, np.ndarray]
 
     results = wp.empty(count, dtype=vec, device="cpu")
     wp.launch(samples, count, [texture.params, wp.array(inputs, dtype=wp.vec3, device="cpu"), results], device="cpu")
-    return inputs, results.numpy()
+    return results.numpy()
 
 
 def stored(maps: Sequence[Map]) -> list[Set]:

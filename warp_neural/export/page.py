@@ -1,0 +1,44 @@
+"""One HTML file that shows a network in a browser, with WebGL2, no server and no request: target html."""
+
+from dataclasses import replace
+
+from warp_neural.errors import InputError
+from warp_neural.export.page_parts import Kind, page
+from warp_neural.export.page_picture import picture_kind
+from warp_neural.export.page_sphere import sphere_kind
+from warp_neural.export.page_texture import texture_kind
+from warp_neural.export.program import Program
+from warp_neural.texture.block_state import BlockState
+
+WIDEST = 128  # neurons of a layer: its weights are text, 0.2 MB where two layers have as many
+KINDS = {(2, 3): picture_kind, (5, 4): sphere_kind}  # by inputs and results
+README = """# {name}
+
+{about}.
+
+`{name}.html` is all: open it in a browser with WebGL2, from the disk too. It asks for nothing over the network. The
+weights are constants of its fragment shader, {precision}; it computes in float32. {shows}
+"""
+
+
+def page_files(program: Program, name: str, about: str, texture: BlockState | None) -> dict[str, bytes]:
+    """The page and the README. Raises `InputError` for networks that pages cannot show."""
+    program = replace(program, unrolled=True)
+    kind = kind_of(program, texture)
+    widest = max(program.state.spec.sizes)
+    if widest > WIDEST:
+        raise InputError(f"a layer of {widest}: pages have layers of up to {WIDEST}, as constants; give target wgsl")
+    readme = README.format(name=name, about=about, precision=program.precision, shows=kind.about)
+    return {f"{name}.html": page(program, kind, name, about).encode(), "README.md": readme.encode()}
+
+
+def kind_of(program: Program, texture: BlockState | None) -> Kind:
+    if texture:
+        return texture_kind(program, texture)
+    sizes = program.n_in, program.n_out
+    if sizes in KINDS:
+        return KINDS[sizes](program)
+    raise InputError(
+        f"{sizes[0]} inputs and {sizes[1]} results: pages show pictures (2 inputs, 3 results), the terms of "
+        "samples.shader_training (5, 4) and textures for engines; give target wgsl for others"
+    )
