@@ -78,7 +78,7 @@ TEXTS = {
 
 def check_target(target: str) -> None:
     if target not in TEXTS:
-        raise InputError(f"a texture is not exported to {target}; give one of {', '.join(TEXTS)}")
+        raise InputError(f"a texture is not exported to {target}; give one of {', '.join([*TEXTS, 'html'])}")
 
 
 def texture_source(language: str, shader: Shader, program: Program, state: BlockState, about: str) -> str:
