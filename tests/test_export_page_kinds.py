@@ -96,6 +96,19 @@ def test_a_lit_material(started, tmp_path):
     check(codes, channels_at(state, tilted, 1)[..., [6, 6, 6]])
 
 
+def test_maps_of_light_and_of_many_channels(started, tmp_path):
+    maps = Map("sky", "hdr", (-4.0,), (3.0,)), Map("masks", "linear", (0.0,) * 4, (1.0,) * 4)
+    state = make_state(BlockSpec(32, 32, 5, 1, (2, 4), (16,)), maps=maps)
+    page = open_texture(started, tmp_path, state)
+    codes, uv = browser.pixels(page)
+    stored = channels_at(state, uv, 0)
+    check(codes, linear_to_srgb(stored / (1 + stored))[..., [0, 0, 0]])
+    assert page.locator("#shown option").all_text_contents() == ["sky", "masks, channels 0 to 2", "masks, channel 3"]
+    for label, channels in (("masks, channels 0 to 2", [1, 2, 3]), ("masks, channel 3", [4, 4, 4])):
+        page.select_option("#shown", label=label)
+        check(browser.pixels(page)[0], stored[..., channels])
+
+
 def test_a_sphere(started, tmp_path):
     """Against the sample's own, and turned."""
     net = make_net("cpu", seed=2)

@@ -17,17 +17,18 @@ README = """# {name}
 {about}.
 
 `{name}.html` is all: open it in a browser with WebGL2, from the disk too. It asks for nothing over the network. The
-weights are constants of its fragment shader, {precision}; it computes in float32. {shows}
+weights are constants of its fragment shader, {precision}; it computes in float32.
+
+{shows}
 """
 
 
 def page_files(program: Program, name: str, about: str, texture: BlockState | None) -> dict[str, bytes]:
     """The page and the README. Raises `InputError` for networks that pages cannot show."""
-    program = replace(program, unrolled=True)
-    kind = kind_of(program, texture)
-    widest = max(program.state.spec.sizes)
+    program, widest = replace(program, unrolled=True), max(program.state.spec.sizes)
     if widest > WIDEST:
         raise InputError(f"a layer of {widest}: pages have layers of up to {WIDEST}, as constants; give target wgsl")
+    kind = kind_of(program, texture)
     readme = README.format(name=name, about=about, precision=program.precision, shows=kind.about)
     return {f"{name}.html": page(program, kind, name, about).encode(), "README.md": readme.encode()}
 

@@ -29,8 +29,8 @@ def texture_kind(program: Program, state: BlockState) -> Kind:
     latents, count = [latent(state, g) for g in range(len(spec.scales))], len(spec.scales)
     size = sum(8 * len(level) for levels in state.blocks for level in levels)
     facts = (*network_facts(program), (f"{count} latent textures, BC1", f"{size:,} bytes"))
-    if "psnr" in state.extra:
-        facts += (("Against the maps it learned", f"{state.extra['psnr']:.1f} dB"),)
+    if isinstance(psnr := state.extra.get("psnr"), float):
+        facts += (("Against the maps it learned", f"{psnr:.1f} dB"),)
     about = (
         f"A neural texture of {spec.width} x {spec.height} texels and {spec.mips} mip levels with {names}: the driver "
         f"filters {count} latent textures, and one network makes all maps of them at every pixel."
