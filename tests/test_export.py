@@ -16,6 +16,7 @@ from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, export, spirv
 from warp_neural.export.cpp import header
 from warp_neural.export.folder import identifier
+from warp_neural.export.images import image_shader
 from warp_neural.export.program import make_program
 from warp_neural.export.shaders import SHADERS
 from warp_neural.export.statements import without_ternaries
@@ -35,6 +36,8 @@ template <int N, class F> void run(F f) {
 }
 int main() { %s }
 """
+MSL = "-O1", "-Wno-attributes", "-Wno-comment", "-Wno-unused-parameter"
+BAKED = [("gelu", "float32", True), ("HashGrid", "float32", True)]
 
 
 def test_ternaries():
@@ -75,18 +78,38 @@ def test_cpp_is_equal_bit_for_bit(name, precision, tmp_path):
 
 
 @COMPILER
-@pytest.mark.parametrize(("name", "precision"), CASES[::3])
-def test_msl_as_cpp(name, precision, tmp_path):
+@pytest.mark.parametrize(("name", "precision", "baked"), [(*case, False) for case in CASES[::3]] + BAKED)
+def test_msl_as_cpp(name, precision, baked, tmp_path):
     """There is no compiler of MSL here: `native/metal.h` makes it C++."""
     (case, *_) = cases(name, precision)
-    program = make_program(case.state)
+    program = make_program(case.state, unrolled=baked)
     text = SHADERS["msl"]().source(program, "a test").replace("#include <metal_stdlib>", f'#include "{NATIVE}/metal.h"')
     weights = ", ".join(float(value).hex() + "f" for value in program.weights)
     call = f"run<{program.n_in}>([&](auto& x, auto& y) {{ evaluate(weights, x, y); }});"
-    source = text + RUN % (ROWS, f"const float weights[] = {{{weights}}}; {call}")
-    (found,) = results(compiled(source, tmp_path, "-O1", "-Wno-attributes", "-Wno-comment"), [case])
+    source = text + RUN % (ROWS, f"const float weights[] = {{{weights or 0}}}; {call}")
+    (found,) = results(compiled(source, tmp_path, *MSL), [case])
     scale = np.abs(case.outputs).max()
     np.testing.assert_allclose(found, case.outputs, atol=(1e-5 if precision == "float32" else 1e-3) * scale)
+
+
+@COMPILER
+def test_msl_fills_an_image(tmp_path):
+    net = wn.MLP(2, 3, 8, 1, precision="float32", seed=4, device="cpu")
+    program = make_program(net.state, unrolled=True)
+    text = image_shader("msl").source(program, "a test")
+    text = text.replace("#include <metal_stdlib>", f'#include "{NATIVE}/metal.h"\n#include <cstdio>')
+    source = (
+        text
+        + """int main() {
+    float4 pixels[] = {{0, 0, 0, 0}, {0, 0, 0, 0}};
+    for (uint i = 0; i < 3; ++i) fill(nullptr, texture2d<float, access::write>{pixels, 2, 1}, uint2{i, 0});
+    std::fwrite(pixels, sizeof(pixels), 1, stdout);
+}"""
+    )
+    program = compiled(source, tmp_path, *MSL)
+    found = np.frombuffer(subprocess.run([str(program)], stdout=subprocess.PIPE, check=True).stdout, np.float32)
+    expected = net.evaluate(np.array([[0.25, 0.5], [0.75, 0.5]], np.float32)).numpy()
+    np.testing.assert_allclose(found.reshape(2, 4), np.hstack([expected, [[1], [1]]]), atol=1e-5)
 
 
 @COMPILER

@@ -154,7 +154,7 @@ def test_what_pages_cannot_show(tmp_path):
     for net, message in (
         (wn.MLP(3, 3, 8, 1, device="cpu"), "3 inputs and 3 results: pages show pictures .2 inputs"),
         (wn.MLP(2, 4, 8, 1, device="cpu"), "2 inputs and 4 results: .* give target wgsl"),
-        (wn.MLP(2, 3, 144, 1, device="cpu"), "a layer of 144: pages have layers of up to 128"),
+        (wn.MLP(2, 3, 144, 1, device="cpu"), "a layer of 144: as constants they have up to 128"),
     ):
         with pytest.raises(InputError, match=message):
             export(net, "html", tmp_path / "out")

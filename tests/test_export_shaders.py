@@ -52,6 +52,72 @@ def test_float16_overflows_as_in_python(language, tmp_path):
     np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.parametrize("language", EVERY)
+def test_own_half(language, tmp_path):
+    """Of the device; glslang makes no float16 of HLSL."""
+    if lacking := webgpu.missing(language):
+        pytest.skip(f"no {lacking}: .ci/tools says how to get it")
+    if webgpu.HALF not in webgpu.device().features or language == "hlsl":
+        pytest.skip("no float16 here")
+    (case, *_) = cases("elu", "float16")
+    export(case.state, language, tmp_path, name="network", half=True)
+    source = tmp_path / f"network.{SHADERS[language].suffix}"
+    assert (
+        "f16(" in source.read_text() or "float16_t(" in source.read_text()
+    ) and "0x477ff000" not in source.read_text()
+    weights = np.fromfile(tmp_path / "weights.bin", np.float32)
+    found, _seconds = webgpu.evaluate(webgpu.compiled(language, source, tmp_path), weights, case.inputs, 3)
+    np.testing.assert_allclose(found, case.outputs, atol=1e-3 * np.abs(case.outputs).max())
+
+
+@pytest.mark.parametrize("language", EVERY)
+@pytest.mark.parametrize("name", ["gelu", "HashGrid"])
+def test_baked_weights(language, name, tmp_path):
+    """Unrolled, with sizes that are no multiples of four; only the encoding's parameters are a buffer."""
+    if lacking := webgpu.missing(language):
+        pytest.skip(f"no {lacking}: .ci/tools says how to get it")
+    (case, *_) = cases(name, "float32")
+    made = export(case.state, language, tmp_path, name="network", baked=True)
+    path = tmp_path / "weights.bin"
+    weights = np.fromfile(path, np.float32) if name == "HashGrid" else np.empty(0, np.float32)
+    assert path.exists() == (name == "HashGrid") and weights.size == case.state.encoding_parameters.size
+    code = webgpu.compiled(language, tmp_path / f"network.{SHADERS[language].suffix}", tmp_path)
+    found, _seconds = webgpu.evaluate(code, weights, case.inputs, case.outputs.shape[1])
+    np.testing.assert_allclose(found, case.outputs, atol=1e-5 * np.abs(case.outputs).max())
+    assert str(made["hash"]) in (tmp_path / "README.md").read_text()
+
+
+@pytest.mark.parametrize("language", EVERY)
+@pytest.mark.parametrize("baked", [False, True])
+def test_images(language, baked, tmp_path):
+    """Of a width that is no multiple of a group; the entry gets its own size."""
+    if lacking := webgpu.missing(language):
+        pytest.skip(f"no {lacking}: .ci/tools says how to get it")
+    net = MLP(2, 3, 12, 1, precision="float32", activation=activations.tanh, seed=4, device="cpu")
+    export(net, language, tmp_path, name="network", baked=baked)
+    weights = np.empty(0, np.float32) if baked else np.fromfile(tmp_path / "weights.bin", np.float32)
+    code = webgpu.compiled(language, tmp_path / f"network_image.{SHADERS[language].suffix}", tmp_path)
+    if language == "hlsl":
+        pytest.skip("compiled; WebGPU has no images to read and write, which HLSL's are")
+    image = webgpu.fill(code, weights, 44, 21)
+    v, u = np.meshgrid((np.arange(21) + 0.5) / 21, (np.arange(44) + 0.5) / 44, indexing="ij")
+    expected = net.evaluate(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32)).numpy().reshape(21, 44, 3)
+    np.testing.assert_allclose(image[..., :3], expected, atol=1e-3 * np.abs(expected).max())
+    assert (image[..., 3] == 1).all() and np.ptp(expected) > 0.1
+
+
+def test_what_shaders_do_not_bake(tmp_path):
+    wide = MLP(2, 3, 144, 1, device="cpu")
+    with pytest.raises(
+        InputError, match="a layer of 144: as constants they have up to 128; give target wgsl, not baked"
+    ):
+        export(wide, "glsl", tmp_path / "out", baked=True)
+    for option in ("baked", "half"):
+        with pytest.raises(InputError, match=f"{option}: not for cpp; give one of glsl, hlsl, slang, wgsl, msl"):
+            export(MLP(2, 3, 8, 1, device="cpu"), "cpp", tmp_path / "out", **{option: True})
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("language", ["wgsl", "glsl", "hlsl", "slang"])
 def test_textures_are_filtered_by_hardware(language, tmp_path):
     """A neural texture for engines: the exported folder's own rows, latents from its DDS files."""

@@ -19,6 +19,7 @@ import numpy as np
 from warp_neural import cli
 from warp_neural.errors import InputError
 from warp_neural.export import TARGETS, export, spirv
+from warp_neural.export.shaders import SHADERS
 from warp_neural.imaging.image import srgb_to_linear
 from warp_neural.nn.mlp import MLP
 from warp_neural.samples.deployment import browser, programs, vulkan, webgpu
@@ -41,7 +42,7 @@ class Config(NetworkConfig):
 def run_shader(language: str, folder: Path, inputs: np.ndarray, expected: np.ndarray) -> Run:
     if lacking := webgpu.missing(language):
         return Run(f"not run: no {lacking}")
-    (source,) = (path for path in folder.glob(f"{NAME}.*"))
+    source = folder / f"{NAME}.{SHADERS[language].suffix}"
     build = folder / "build"
     build.mkdir(exist_ok=True)
     weights = np.fromfile(folder / "weights.bin", np.float32)

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from warp_neural.export.images import SIDE
 from warp_neural.export.shaders import GROUP
 from warp_neural.export.spirv import slangc
 from warp_neural.imaging.block_texture import BlockTexture
 
 LANGUAGES = "wgsl", "glsl", "hlsl", "slang"
-BLOCKS = "texture-compression-bc"
+BLOCKS, HALF = "texture-compression-bc", "shader-f16"
 
 
 @cache
@@ -28,7 +29,7 @@ def device():
 
     try:
         adapter = wgpu.gpu.request_adapter_sync()
-        return adapter.request_device_sync(required_features=list({BLOCKS} & adapter.features))
+        return adapter.request_device_sync(required_features=list({BLOCKS, HALF} & adapter.features))
     except RuntimeError:
         return None
 
@@ -69,12 +70,8 @@ def evaluate(
     import wgpu
 
     usage, size = wgpu.BufferUsage, 4 * len(inputs) * n_out
-    buffers = [device().create_buffer_with_data(data=data, usage=usage.STORAGE) for data in (weights, inputs)]
-    buffers.append(device().create_buffer(size=size, usage=usage.STORAGE | usage.COPY_SRC))
-    kernel = {"module": device().create_shader_module(code=code), "entry_point": "main"}
-    pipeline = device().create_compute_pipeline(layout="auto", compute=kernel)
-    entries = [{"binding": i, "resource": {"buffer": b, "offset": 0, "size": b.size}} for i, b in enumerate(buffers)]
-    group = device().create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries)
+    results = device().create_buffer(size=size, usage=usage.STORAGE | usage.COPY_SRC)
+    pipeline, group = prepared(code, {**stored(weights, 0), **stored(inputs, 1), 2: whole(results)})
     if textures:
         latents = bound(textures, pipeline.get_bind_group_layout(1))
     for _ in range(2):
@@ -87,8 +84,48 @@ def evaluate(
         commands.dispatch_workgroups(-(-len(inputs) // GROUP))
         commands.end()
         device().queue.submit([encoder.finish()])
-        results = np.frombuffer(device().queue.read_buffer(buffers[-1]), np.float32)
-    return results.reshape(len(inputs), n_out), time.perf_counter() - began
+        found = np.frombuffer(device().queue.read_buffer(results), np.float32)
+    return found.reshape(len(inputs), n_out), time.perf_counter() - began
+
+
+def fill(code: str | bytes, weights: np.ndarray, width: int, height: int) -> np.ndarray:
+    """The image that an exported entry fills, float16 [height, width, 4]."""
+    import wgpu
+
+    usage = wgpu.TextureUsage.STORAGE_BINDING | wgpu.TextureUsage.COPY_SRC
+    image = device().create_texture(size=(width, height, 1), format="rgba16float", usage=usage)
+    pipeline, group = prepared(code, {**stored(weights, 0), 1: image.create_view()})
+    encoder = device().create_command_encoder()
+    commands = encoder.begin_compute_pass()
+    commands.set_pipeline(pipeline)
+    commands.set_bind_group(0, group)
+    commands.dispatch_workgroups(-(-width // SIDE), -(-height // SIDE))
+    commands.end()
+    device().queue.submit([encoder.finish()])
+    layout = {"bytes_per_row": 8 * width, "rows_per_image": height}
+    data = device().queue.read_texture({"texture": image}, layout, (width, height, 1))
+    return np.frombuffer(data, np.float16).reshape(height, width, 4)
+
+
+def prepared(code: str | bytes, resources: dict):
+    """The pipeline of a shader, and its first group, of resources by their bindings."""
+    kernel = {"module": device().create_shader_module(code=code), "entry_point": "main"}
+    pipeline = device().create_compute_pipeline(layout="auto", compute=kernel)
+    entries = [{"binding": binding, "resource": resource} for binding, resource in resources.items()]
+    return pipeline, device().create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries)
+
+
+def stored(values: np.ndarray, binding: int) -> dict:
+    """A buffer by its binding; none for no values."""
+    import wgpu
+
+    if not values.size:
+        return {}
+    return {binding: whole(device().create_buffer_with_data(data=values, usage=wgpu.BufferUsage.STORAGE))}
+
+
+def whole(buffer) -> dict:
+    return {"buffer": buffer, "offset": 0, "size": buffer.size}
 
 
 def bound(textures: Sequence[BlockTexture], layout):

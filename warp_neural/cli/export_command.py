@@ -32,6 +32,10 @@ class Export:
     """of the files and the namespace; that of SOURCE if not given"""
     cooperative: bool = False
     """a shader with cooperative vectors beside the plain one: glsl, slang and hlsl, of float16"""
+    baked: bool = False
+    """of shaders: weights are constants, layers unrolled; for small networks"""
+    half: bool = False
+    """of shaders of float16: by the device's own numbers, which it must have"""
     force: bool = False
     """replace files that are there"""
     json: bool = False
@@ -46,5 +50,5 @@ class Export:
             raise InputError(f"--arch {self.arch}: give numbers such as 80,90,120")
         archs = [int(word) for word in words] if words else None
         options = {"precision": self.precision, "archs": archs, "name": self.name, "force": self.force}
-        options["cooperative"] = self.cooperative
+        options |= {"cooperative": self.cooperative, "baked": self.baked, "half": self.half}
         return export(self.source, self.target, self.out, **options)

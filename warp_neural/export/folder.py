@@ -15,7 +15,8 @@ from warp_neural.export import cpp, vulkan
 from warp_neural.export.cuda import ARCHS, cuda_files
 from warp_neural.export.page import page_files
 from warp_neural.export.program import Program, check_finite, digest_of, evaluated, make_program, network_of
-from warp_neural.export.shaders import GROUP, SHADERS
+from warp_neural.export.shader_folder import Forms, shader_files
+from warp_neural.export.shaders import SHADERS
 from warp_neural.export.textures import check_target, texture_rows, texture_source, texture_use
 from warp_neural.imaging.dds import dds_bytes
 from warp_neural.io.files import atomic_path
@@ -35,7 +36,6 @@ RESERVED = set(
     "volatile while xor".split()
 )
 """of C++, for namespaces"""
-DIGITS = {"float32": "within 1e-5 of the largest", "float16": "within what rounding to float16 makes of that, 1e-3"}
 
 README = """# {name}
 
@@ -58,18 +58,6 @@ float x[{name}::inputs] = {{}}, y[{name}::outputs];
     cmake -B build && cmake --build build && ctest --test-dir build
 
 builds and runs `main.cpp`; so does `g++ -std=c++17 -O3 -march=native -ffp-contract=off main.cpp && ./a.out`."""
-USE_SHADER = """`{name}.{suffix}` has a function `evaluate` of one sample, to copy into your shaders, and a compute
-entry, `{entry}`, a thread a row in groups of {group}. Buffers: 0 weights (`weights.bin`, float32), 1 inputs, 2
-results{count}.
-
-{compile}"""
-COMPILE = {
-    "glsl": "`glslangValidator -V {name}.comp -o {name}.spv` makes SPIR-V for Vulkan; bindings are of set 0.",
-    "hlsl": "`dxc -T cs_6_0 -E main {name}.hlsl -Fo {name}.dxil`; registers are t0, t1 and u2.",
-    "slang": "`slangc {name}.slang -target spirv -entry main -stage compute -o {name}.spv`; bindings are of set 0.",
-    "wgsl": "WebGPU takes the text as it is; bindings are of group 0.",
-    "msl": "`xcrun metal {name}.metal -o {name}.metallib`; buffer 3 is the number of rows, a uint.",
-}
 
 
 def export(
@@ -82,14 +70,20 @@ def export(
     name: str | None = None,
     force: bool = False,
     cooperative: bool = False,
+    baked: bool = False,
+    half: bool = False,
 ) -> dict[str, Any]:
     """Write a network, or the file of one, for a program without Python; returns the files with their bytes, and the
     hash of the network, which they name too.
 
     target: one of `TARGETS`. precision: float32, or float16 for weights and vectors between layers, with sums in
     float32 (cuda: any); that of the network if None. archs: of cuda, 90 for compute capability 9.0. name: of files, and
-    in C++ of the namespace; that of the source's file if None. force: replace what is there. cooperative: a shader with
-    cooperative vectors beside the plain one, of GLSL, Slang and HLSL, for precision float16.
+    in C++ of the namespace; that of the source's file if None. force: replace what is there.
+
+    Of shaders: cooperative: one with cooperative vectors beside the plain one, of GLSL, Slang and HLSL, for precision
+    float16. baked: weights are constants, layers unrolled, vectors between them float32; for small networks. half:
+    float16 by the device's own numbers, which it must have, not by their bits: faster, but drivers may leave out what
+    rounds, and infinities.
 
     Raises `InputError` for what the target cannot express, with what it can, and for files that are there.
     """
@@ -103,13 +97,14 @@ def export(
         state = source.state if isinstance(source, MLP) else source
     name = identifier(name or Path(where).stem)
     try:
-        check_options(target, archs, cooperative, texture)
+        forms = Forms(cooperative, baked, half)
+        check_options(target, archs, forms, texture)
         if target == "cuda":
             precision, digest, files = _cuda(state, precision, name, archs or ARCHS)
         else:
-            program = make_program(state, precision, by_inputs=target == "cpp")
+            program = make_program(state, precision, by_inputs=target == "cpp", unrolled=baked or target == "html")
             precision, digest = program.precision, program.digest
-            files = _files(program, target, name, texture, cooperative)
+            files = _files(program, target, name, texture, forms)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     directory = Path(directory)
@@ -129,42 +124,42 @@ def identifier(name: str) -> str:
     return name if re.match(r"[A-Za-z]", name) and name not in RESERVED else f"network_{name}"
 
 
-def check_options(target: str, archs: Sequence[int] | None, cooperative: bool, texture: BlockState | None) -> None:
+def check_options(target: str, archs: Sequence[int] | None, forms: Forms, texture: BlockState | None) -> None:
     """Raises `InputError` for options of other targets."""
     if archs is not None and target != "cuda":
         raise InputError(f"archs {archs}: target cuda alone has them")
-    if cooperative:
+    for name in ("baked", "half"):
+        if getattr(forms, name) and target not in SHADERS:
+            raise InputError(f"{name}: not for {target}; give one of {', '.join(SHADERS)}")
+    if forms.cooperative:
         vectors.check_target(target, texture is not None)
     if texture:
         check_target(target)
 
 
-def _files(program: Program, target: str, name: str, texture: BlockState | None, cooperative: bool) -> dict[str, bytes]:
+def _files(program: Program, target: str, name: str, texture: BlockState | None, forms: Forms) -> dict[str, bytes]:
     about = about_of(program.state, program.digest)
     if target == "html":
         return page_files(program, name, about, texture)
     inputs, outputs = texture_rows(texture, ROWS) if texture else rows_of(network_of(program.state, program.precision))
-    files = {}
     if target == "cpp":
-        texts, use, compared = _cpp(program, name, about)
+        files, use, compared = _cpp(program, name, about)
     elif target == "vulkan":
-        made, use, compared = vulkan.project(program, name, about)
-        files, texts = files | made, {}
+        files, use, compared = vulkan.project(program, name, about)
     else:
-        files["weights.bin"] = program.weights.astype("<f4").tobytes()
-        texts, use, compared = _shader(program, target, name, about)
-    if cooperative:
+        files, use, compared = shader_files(program, target, name, about, forms.half)
+    if forms.cooperative:
         more, also = vectors.additions(program, target, name, about)
         files, use = files | more, use + also
     if texture:
         latents = [f"{name}_latent_{g}.dds" for g in range(len(texture.spec.scales))]
         files |= {file: dds_bytes(latent_texture(texture, g)) for g, file in enumerate(latents)}
-        shader = SHADERS[target]()
-        texts = {f"{name}.{shader.suffix}": texture_source(target, shader, program, texture, about)}
+        shader = SHADERS[target](forms.half)
+        files[f"{name}.{shader.suffix}"] = texture_source(target, shader, program, texture, about).encode()
         use = f"{texture_use(texture, latents)}\n{use}"
         compared = "results are within 2/255, as GPUs filter in fewer bits"
-    rows = with_rows(inputs, outputs, name=name, about=about, precision=program.precision, use=use, compared=compared)
-    return files | {file: text.encode() for file, text in texts.items()} | rows
+    about = {"name": name, "about": about, "precision": program.precision}
+    return files | with_rows(inputs, outputs, use=use, compared=compared, **about)
 
 
 def _cuda(
@@ -194,26 +189,11 @@ def with_rows(inputs: np.ndarray, outputs: np.ndarray, **about: str) -> dict[str
     return files | {"README.md": readme.encode()}
 
 
-def _cpp(program: Program, name: str, about: str) -> tuple[dict[str, str], str, str]:
-    """Texts, and what the README says of their use and of the results."""
-    texts = {file: cpp.named((cpp.TEXT / file).read_text(), name) for file in ("main.cpp", "CMakeLists.txt")}
-    texts[f"{name}.hpp"] = cpp.header(program, name, about)
-    return texts, USE_CPP.format(name=name), "results equal these bit for bit"
-
-
-def _shader(program: Program, target: str, name: str, about: str) -> tuple[dict[str, str], str, str]:
-    shader = SHADERS[target]()
-    texts = {f"{name}.{shader.suffix}": shader.source(program, about)}
-    return texts, use_of(target, name), f"results are {DIGITS[program.precision]}"
-
-
-def use_of(target: str, name: str) -> str:
-    """The part of the README about a shader."""
-    entry, count = ("rows", ", 3 their number") if target == "msl" else ("main", ", as many as they hold")
-    how = COMPILE[target].format(name=name)
-    return USE_SHADER.format(
-        name=name, suffix=SHADERS[target].suffix, entry=entry, group=GROUP, count=count, compile=how
-    )
+def _cpp(program: Program, name: str, about: str) -> tuple[dict[str, bytes], str, str]:
+    """Files, and what the README says of their use and of the results."""
+    files = {file: cpp.named((cpp.TEXT / file).read_text(), name).encode() for file in ("main.cpp", "CMakeLists.txt")}
+    files[f"{name}.hpp"] = cpp.header(program, name, about).encode()
+    return files, USE_CPP.format(name=name), "results equal these bit for bit"
 
 
 def rows_of(net: MLP) -> tuple[np.ndarray, np.ndarray]:

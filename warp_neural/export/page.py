@@ -1,7 +1,5 @@
 """One HTML file that shows a network in a browser, with WebGL2, no server and no request: target html."""
 
-from dataclasses import replace
-
 from warp_neural.errors import InputError
 from warp_neural.export.page_parts import Kind, page
 from warp_neural.export.page_picture import picture_kind
@@ -10,7 +8,6 @@ from warp_neural.export.page_texture import texture_kind
 from warp_neural.export.program import Program
 from warp_neural.texture.block_state import BlockState
 
-WIDEST = 128  # neurons of a layer: its weights are text, 0.2 MB where two layers have as many
 KINDS = {(2, 3): picture_kind, (5, 4): sphere_kind}  # by inputs and results
 README = """# {name}
 
@@ -24,10 +21,7 @@ weights are constants of its fragment shader, {precision}; it computes in float3
 
 
 def page_files(program: Program, name: str, about: str, texture: BlockState | None) -> dict[str, bytes]:
-    """The page and the README. Raises `InputError` for networks that pages cannot show."""
-    program, widest = replace(program, unrolled=True), max(program.state.spec.sizes)
-    if widest > WIDEST:
-        raise InputError(f"a layer of {widest}: pages have layers of up to {WIDEST}, as constants; give target wgsl")
+    """The page and the README, of an unrolled program. Raises `InputError` for networks that pages cannot show."""
     kind = kind_of(program, texture)
     readme = README.format(name=name, about=about, precision=program.precision, shows=kind.about)
     return {f"{name}.html": page(program, kind, name, about).encode(), "README.md": readme.encode()}

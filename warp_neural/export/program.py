@@ -10,6 +10,7 @@ import numpy as np
 from warp_neural.errors import InputError
 from warp_neural.export.encodings import encode
 from warp_neural.export.statements import Array, Block, For, Layer, Let, Set, Statement, without_ternaries
+from warp_neural.export.unrolled import WIDEST
 from warp_neural.kernels.nn.activations import Activation
 from warp_neural.kernels.nn.spec import FORMATS, format_of
 from warp_neural.nn.mlp import MLP
@@ -27,7 +28,7 @@ class Program:
 
     by_inputs: weights of a layer lie [n_in, n_out], as CPUs sum them, else row major, [n_out, n_in]. unrolled: layers
     are `Layer`s, `weights` only the encoding's parameters, and vectors between layers float32 whatever the precision:
-    where that is needed there are no halves, and `to_half` takes longer than the products.
+    `to_half` would take longer than the products.
     """
 
     state: NetworkState
@@ -41,6 +42,8 @@ class Program:
         check_finite(self.state)
         if self.precision == "float16":
             fit_float16("weight", self.state.weights)
+        if self.unrolled and (widest := max(self.state.spec.sizes)) > WIDEST:
+            raise InputError(f"a layer of {widest}: as constants they have up to {WIDEST}; give target wgsl, not baked")
         for activation in {self.state.spec.activation, self.state.spec.output_activation}:
             portable(activation)
 
@@ -135,7 +138,9 @@ def evaluated(net: MLP, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return given.astype(np.float32), net.evaluate(given).numpy().astype(np.float32)
 
 
-def make_program(state: NetworkState, precision: str | None = None, by_inputs: bool = False) -> Program:
+def make_program(
+    state: NetworkState, precision: str | None = None, by_inputs: bool = False, unrolled: bool = False
+) -> Program:
     """precision: that of the network if None. Raises `InputError` for what cannot be expressed."""
     spec = state.spec
     if precision is None:
@@ -148,7 +153,7 @@ def make_program(state: NetworkState, precision: str | None = None, by_inputs: b
     if precision not in PRECISIONS:
         known = "is not exported yet" if precision in FORMATS else "is unknown"
         raise InputError(f"precision {precision}: {known}; give one of {', '.join(PRECISIONS)}")
-    return Program(state, precision, by_inputs)
+    return Program(state, precision, by_inputs, unrolled)
 
 
 def check_finite(state: NetworkState) -> None:

@@ -2,23 +2,29 @@
 
 import re
 
-from warp_neural.export import library
+import numpy as np
+
+from warp_neural.export import library, unrolled
 from warp_neural.export.language import Language
 from warp_neural.export.program import Program
-from warp_neural.export.statements import Function
+from warp_neural.export.statements import Function, Layer, Statement
 
 GROUP = 64  # threads
-BINDINGS = """// Bindings: 0 weights, float32 of weights.bin; 1 inputs [rows, {n_in}]; 2 outputs [rows, {n_out}], as
+ROWS = """// Bindings: 0 weights, float32 of weights.bin; 1 inputs [rows, {n_in}]; 2 outputs [rows, {n_out}], as
 // many rows as they hold. A thread a row, groups of {group}."""
 OF_WGSL = {"float": "f32", "int": "i32", "uint": "u32"}
 
 
 class Shader(Language):
     """first: what a file begins with. natives: functions of the language under our names. evaluate, entry: what follows
-    these."""
+    these. half: `to_half` by the device's own numbers, and what that asks for at the beginning.
+
+    own_half: of a shader, to take these; drivers need float16 then."""
 
     suffix: str
+    bindings = ROWS
     first = ""
+    half: tuple[str, str]
     natives: str
     buffers: str
     evaluate = """
@@ -27,15 +33,22 @@ BODY
 }"""
     entry: str
 
+    def __init__(self, own_half: bool = False):
+        self.own_half = own_half
+
     def source(self, program: Program, about: str, around: str = "", call: tuple[str, str] = ("", "")) -> str:
         """around: a function around `evaluate` of three inputs, which the entry calls; call: how it calls that in place
         of `evaluate`."""
         body, entry = self.body(program), self.entry.replace(*call) if around else self.entry
-        functions = "".join(self.function(each) for each in library.ALL if f"{each.name}(" in body)
+        first, functions = self.functions(body)
         entry = entry.replace("{n_in}", str(3 if around else program.n_in))
-        bindings = BINDINGS.replace("{n_in}", "3: u, v, level of detail") if around else BINDINGS
-        parts = [bindings, self.buffers, self.natives, functions, self.evaluate, around, entry]
-        text = "\n".join([self.first + f"// {about}", *(part.strip("\n") for part in parts if part)])
+        bindings = self.bindings.replace("{n_in}", "3: u, v, level of detail") if around else self.bindings
+        buffers = self.buffers
+        if not program.weights.size:  # all are in the text
+            bindings = bindings.replace("0 weights, float32 of weights.bin; ", "")
+            buffers = "\n".join(line for line in buffers.splitlines() if "weights" not in line)
+        parts = [bindings, buffers, self.natives, functions, self.evaluate, around, entry]
+        text = "\n".join([first + f"// {about}", *(part.strip("\n") for part in parts if part)])
         for name, value in {"n_in": program.n_in, "n_out": program.n_out, "group": GROUP}.items():
             text = text.replace(f"{{{name}}}", str(value))
         return f"{text.replace('BODY', body.rstrip())}\n"
@@ -43,6 +56,23 @@ BODY
     def body(self, program: Program) -> str:
         """Of `evaluate`."""
         return self.lines(program.body)
+
+    def functions(self, body: str) -> tuple[str, str]:
+        """What the file begins with, and the functions that a body calls."""
+        called = [each for each in library.ALL if f"{each.name}(" in body]
+        if self.own_half and library.to_half in called:
+            rest = "".join(self.function(each) for each in called if each is not library.to_half)
+            return self.first + self.half[0], f"{self.half[1]}\n{rest}"
+        return self.first, "".join(map(self.function, called))
+
+    def line(self, each: Statement, depth: int) -> str:
+        return unrolled.layer(self, each, depth) if isinstance(each, Layer) else super().line(each, depth)
+
+    def vector(self, name: str, values: str) -> str:
+        return f"vec4 {name} = vec4({values});"
+
+    def times(self, matrix: np.ndarray, vector: str) -> str:
+        return f"mat4({unrolled.literals(matrix.T)}) * {vector}"
 
     def function(self, each: Function) -> str:
         arguments = ", ".join(f"float {name}" for name in each.arguments)
@@ -52,6 +82,10 @@ BODY
 class Glsl(Shader):
     suffix = "comp"
     first = "#version 450\n"
+    half = (
+        "#extension GL_EXT_shader_explicit_arithmetic_types_float16 : require\n",
+        "float to_half(float z) { return float(float16_t(z)); }",
+    )
     buffers = """layout(local_size_x = {group}) in;
 layout(std430, binding = 0) readonly buffer Weights { float weights[]; };
 layout(std430, binding = 1) readonly buffer Inputs { float inputs[]; };
@@ -78,6 +112,7 @@ void main() {
 
 class Hlsl(Shader):
     suffix = "hlsl"
+    half = "", "float to_half(float z) { return float(float16_t(z)); }"
     buffers = """StructuredBuffer<float> weights : register(t0);
 StructuredBuffer<float> inputs : register(t1);
 RWStructuredBuffer<float> outputs : register(u2);"""
@@ -99,6 +134,12 @@ void main(uint3 thread : SV_DispatchThreadID) {
     for (int to = 0; to < {n_out}; ++to) outputs[thread.x * {n_out}u + uint(to)] = y[to];
 }"""
 
+    def vector(self, name: str, values: str) -> str:
+        return f"float4 {name} = float4({values});"
+
+    def times(self, matrix: np.ndarray, vector: str) -> str:
+        return f"mul(float4x4({unrolled.literals(matrix)}), {vector})"
+
 
 class Slang(Hlsl):
     suffix = "slang"
@@ -108,6 +149,7 @@ class Slang(Hlsl):
 
 class Wgsl(Shader):
     suffix = "wgsl"
+    half = "enable f16;\n", "fn to_half(z: f32) -> f32 { return f32(f16(z)); }"
     buffers = """@group(0) @binding(0) var<storage, read> weights: array<f32>;
 @group(0) @binding(1) var<storage, read> inputs: array<f32>;
 @group(0) @binding(2) var<storage, read_write> outputs: array<f32>;"""
@@ -149,6 +191,12 @@ fn main(@builtin(global_invocation_id) thread: vec3<u32>) {
     def set(self, target: str, value: str) -> str:
         return f"{target} = {self.typed(value)};"
 
+    def vector(self, name: str, values: str) -> str:
+        return f"var {name} = vec4<f32>({values});"
+
+    def times(self, matrix: np.ndarray, vector: str) -> str:
+        return f"mat4x4<f32>({unrolled.literals(matrix.T)}) * {vector}"
+
     def loop(self, name: str, count: int) -> str:
         return f"for (var {name}: i32 = 0; {name} < {count}; {name}++)"
 
@@ -160,6 +208,7 @@ fn main(@builtin(global_invocation_id) thread: vec3<u32>) {
 
 class Msl(Shader):
     suffix = "metal"
+    half = "", "inline float to_half(float z) { return float(half(z)); }"
     buffers = "#include <metal_stdlib>\nusing namespace metal;"
     natives = """
 inline float pick(bool condition, float a, float b) { return condition ? a : b; }
@@ -181,6 +230,12 @@ kernel void rows(device const float* weights [[buffer(0)]], device const float* 
     evaluate(weights, x, y);
     for (uint i = 0; i < {n_out}; ++i) outputs[row * {n_out} + i] = y[i];
 }"""
+
+    def vector(self, name: str, values: str) -> str:
+        return f"float4 {name} = float4({values});"
+
+    def times(self, matrix: np.ndarray, vector: str) -> str:
+        return f"float4x4({unrolled.literals(matrix.T)}) * {vector}"
 
     def function(self, each: Function) -> str:
         return f"inline {super().function(each)}"
