@@ -5,13 +5,13 @@ import warp as wp
 
 from warp_neural.kernels.shading.brdf import INV_PI
 
-C1 = wp.constant(0.5 - 2.0 / (3.0 * wp.pi))  # eq. 16
-C2 = wp.constant(2.0 / 3.0 - 28.0 / (15.0 * wp.pi))  # eq. 20
+C1 = wp.constant(0.5 - 2.0 / (3.0 * wp.pi))
+C2 = wp.constant(2.0 / 3.0 - 28.0 / (15.0 * wp.pi))
 
 
 @wp.func
 def single_albedo(cosine: float, roughness: float) -> float:
-    """Directional albedo of one bounce between white facets (eq. 17), (1 - s^3) / cosine without its cancellation."""
+    """Directional albedo of one bounce between white facets (E_FON), (1 - s^3) / cosine without its cancellation."""
     m = wp.clamp(cosine, 0.0, 1.0 - 1.0e-6)  # beyond it the slope of acos has no bound
     s = wp.sqrt(1.0 - m * m)
     g = s * (wp.acos(m) - s * m) + (2.0 / 3.0) * s * (m * (1.0 + s + s * s) / (1.0 + s) - 1.0)
@@ -20,13 +20,13 @@ def single_albedo(cosine: float, roughness: float) -> float:
 
 @wp.func
 def mean_single_albedo(roughness: float) -> float:
-    """Of all views, weighted by their cosine (eq. 20)."""
+    """Of all views, weighted by their cosine."""
     return (1.0 + C2 * roughness) / (1.0 + C1 * roughness)
 
 
 @wp.func
 def multiple_albedo(color: wp.vec3, roughness: float) -> wp.vec3:
-    """What further bounces reflect of what one leaves (eq. 28)."""
+    """What further bounces reflect of what one leaves (rho_ms)."""
     mean = mean_single_albedo(roughness)
     result = wp.vec3()
     for c in range(3):

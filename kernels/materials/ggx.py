@@ -2,8 +2,8 @@
 
 f cos = D F G2 / (4 (n.v)). With s(w) = |(alpha_x w_x, alpha_y w_y, w_z)|, Smith's correlated G2 / (4 (n.v)) is
 l_z / (2 (l_z s(v) + v_z s(l))), and the density of light directions by visible normals is D / (2 (v_z + s(v)))
-(Heitz 2014, "Understanding the Masking-Shadowing Function", eqs. 86 and 99; Heitz 2018, "Sampling the GGX Distribution
-of Visible Normals", eq. 17): nothing is divided by a cosine that can be 0.
+(Heitz 2014, "Understanding the Masking-Shadowing Function", eq. 99; Heitz 2018, "Sampling the GGX Distribution of
+Visible Normals"): nothing is divided by a cosine that can be 0.
 """
 
 import warp as wp
@@ -51,8 +51,8 @@ def reflection(light: wp.vec3, view: wp.vec3, alpha: wp.vec2) -> wp.vec2:
 
 @wp.func
 def visible_facet(view: wp.vec3, alpha: wp.vec2, u: float, v: float) -> wp.vec3:
-    """A normal by how much of it is seen (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps",
-    listing 3). u, v: uniform in [0, 1)."""
+    """A normal by how much of it is seen (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with Spherical
+    Caps"). u, v: uniform in [0, 1)."""
     warped = wp.normalize(wp.vec3(view[0] * alpha[0], view[1] * alpha[1], view[2]))
     phi = 2.0 * wp.pi * u
     z = (1.0 - v) * (1.0 + warped[2]) - warped[2]
