@@ -128,7 +128,8 @@ def into(frame, w):
 
 
 def compensated(f0, parts, e):
-    once = f0 * (parts[..., :1] - parts[..., 1:]) + parts[..., 1:]
+    grazing = np.minimum(50 * f0.max(axis=-1, keepdims=True), 1)
+    once = f0 * (parts[..., :1] - parts[..., 1:]) + grazing * parts[..., 1:]
     return once * (1 + f0 * ((1 - e) / e)[..., None])
 
 

@@ -76,8 +76,13 @@ def facets_of(normal: wp.vec3, tangent: wp.vec2, alpha: wp.vec2, view: wp.vec3) 
 
 @wp.func
 def reflected(f0: wp.vec3, parts: wp.vec2, facets: Facets) -> wp.vec3:
-    """Facets of reflectance f0, with their further bounces: of `reflection`'s two parts, or of their integrals."""
-    once = f0 * (parts[0] - parts[1]) + wp.vec3(parts[1])
+    """Facets of reflectance f0, with their further bounces: of `reflection`'s two parts, or of their integrals.
+
+    At grazing angles they reflect all, but below 2 % at normal incidence, which no matter has, ever less (Lagarde and de
+    Rousiers 2014, "Moving Frostbite to Physically Based Rendering"): 0 is no reflection at all.
+    """
+    grazing = wp.min(50.0 * wp.max(f0), 1.0)
+    once = f0 * (parts[0] - parts[1]) + wp.vec3(grazing * parts[1])
     further = (1.0 - facets.energy) / facets.energy
     return once + wp.cw_mul(once, f0) * further
 
