@@ -41,7 +41,7 @@ def diffuse(color: wp.vec3, roughness: float, light: wp.vec3, view: wp.vec3) -> 
     s = wp.dot(light, view) - lz * vz
     if s > 0.0:
         s = s / wp.max(lz, vz)
-    single = (1.0 + roughness * s) / (1.0 + C1 * roughness)
+    single = wp.max(1.0 + roughness * s, 0.0) / (1.0 + C1 * roughness)
     left = wp.max(1.0 - single_albedo(lz, roughness), 0.0) * wp.max(1.0 - single_albedo(vz, roughness), 0.0)
     further = left / wp.max(1.0 - mean_single_albedo(roughness), 1.0e-7)
     return (color * single + multiple_albedo(color, roughness) * further) * (lz * INV_PI)

@@ -13,7 +13,7 @@ from warp_neural.kernels.shading.brdf import INV_PI, MIN_ALPHA, half_vector, sch
 
 @wp.func
 def alphas(roughness: float, anisotropy: float) -> wp.vec2:
-    """GGX's alpha along x and y (OpenPBR 1.1, "Microfacet model"): x is the longer, smoother sides lie along it.
+    """GGX's alpha along x and y (OpenPBR 1.1, "Microfacet model"), x is the larger: strokes of a brush run along y.
 
     roughness, anisotropy: in [0, 1]. Their mean square stays roughness^4. Results are in [MIN_ALPHA, 1].
     """

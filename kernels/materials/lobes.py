@@ -110,11 +110,11 @@ def through_coat(surface: Surface, coat: Facets) -> wp.vec3:
     """What the coat leaves for the base: absorbed along the view's refracted way, there and back (Beer's law, as
     OpenPBR 1.1, "Coat"), less what it reflects."""
     f0 = dielectric(surface.coat_specular)
-    root = wp.sqrt(wp.min(f0[0], 0.99))
+    root = wp.sqrt(wp.clamp(f0[0], 1.0e-6, 0.99))  # the slope of a root at 0 has no bound
     ratio = (1.0 - root) / (1.0 + root)  # 1 / index of refraction
     sine2 = wp.max(1.0 - coat.view[2] * coat.view[2], 0.0) * ratio * ratio
     longer = 1.0 / wp.sqrt(wp.max(1.0 - sine2, 1.0e-4))
-    left = 1.0 - reflected_albedo(f0, coat)[0]
+    left = wp.max(1.0 - reflected_albedo(f0, coat)[0], 0.0)
     result = wp.vec3()
     for c in range(3):
         result[c] = left * wp.exp(longer * wp.log(wp.max(surface.coat_color[c], 1.0e-6)))
@@ -133,7 +133,7 @@ def make_lobes(spec: LayeredSpec) -> wp.Function:
             both = long_energy(tables, facets.view, facets.alpha)
         else:
             both = round_energy(tables, facets.view[2], facets.alpha[0])
-        facets.energy = both[0]
+        facets.energy = wp.min(both[0], 1.0)
         facets.share = both[1]
         return facets
 
@@ -141,7 +141,7 @@ def make_lobes(spec: LayeredSpec) -> wp.Function:
     def coat_facets(surface: Surface, tables: EnergyTables, view: wp.vec3) -> Facets:
         facets = facets_of(surface.coat_normal, wp.vec2(1.0, 0.0), alphas(surface.coat_roughness, 0.0), view)
         both = round_energy(tables, facets.view[2], facets.alpha[0])
-        facets.energy = both[0]
+        facets.energy = wp.min(both[0], 1.0)
         facets.share = both[1]
         return facets
 
@@ -156,7 +156,7 @@ def make_lobes(spec: LayeredSpec) -> wp.Function:
             lobes.coat = coat_facets(surface, tables, view)
             lobes.coat_share = clean * surface.coat
             base_share = wp.lerp(base_share, through_coat(surface, lobes.coat) * clean, surface.coat)
-        left = 1.0 - reflected_albedo(dielectric(surface.specular), lobes.base)[0]
+        left = wp.max(1.0 - reflected_albedo(dielectric(surface.specular), lobes.base)[0], 0.0)
         lobes.base_share = base_share
         lobes.diffuse_share = base_share * (left * (1.0 - surface.metalness))
         return lobes

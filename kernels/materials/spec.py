@@ -12,7 +12,7 @@ INPUTS: dict[str, tuple[float, ...]] = {
     "metalness": (0.0,),
     "specular": (0.5,),  # 1 reflects 8 % at normal incidence, 0.5 as an index of refraction of 1.5
     "diffuse_roughness": (0.0,),
-    "anisotropy": (0.0,),  # 1: facets vary along the tangent only
+    "anisotropy": (0.0,),  # 1: facets vary along the tangent only, across the strokes of a brush
     "tangent": (1.0, 0.0),  # cosine and sine of TWICE the tangent's angle from x: maps of it may be averaged
     # the coat, a dielectric
     "coat": (0.0,),  # its share of the surface
