@@ -78,8 +78,8 @@ def facets_of(normal: wp.vec3, tangent: wp.vec2, alpha: wp.vec2, view: wp.vec3) 
 def reflected(f0: wp.vec3, parts: wp.vec2, facets: Facets) -> wp.vec3:
     """Facets of reflectance f0, with their further bounces: of `reflection`'s two parts, or of their integrals.
 
-    At grazing angles they reflect all, but below 2 % at normal incidence, which no matter has, ever less (Lagarde and de
-    Rousiers 2014, "Moving Frostbite to Physically Based Rendering"): 0 is no reflection at all.
+    At grazing angles they reflect all, but below 2 % at normal incidence, which no matter has, ever less (Lagarde and
+    de Rousiers 2014, "Moving Frostbite to Physically Based Rendering"): 0 is no reflection at all.
     """
     grazing = wp.min(50.0 * wp.max(f0), 1.0)
     once = f0 * (parts[0] - parts[1]) + wp.vec3(grazing * parts[1])

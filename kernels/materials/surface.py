@@ -42,12 +42,10 @@ def as_vector(surface: Surface) -> vec_parameters:
     s, t = surface, surface.tangent
     double = wp.vec2(t[0] * t[0] - t[1] * t[1], 2.0 * t[0] * t[1])
     return vec_parameters(
-        *(s.color[0], s.color[1], s.color[2], s.normal[0], s.normal[1], s.normal[2], double[0], double[1]),
-        *(s.roughness, s.metalness, s.specular, s.diffuse_roughness, s.anisotropy),
-        *(s.coat, s.coat_normal[0], s.coat_normal[1], s.coat_normal[2], s.coat_roughness, s.coat_specular),
-        *(s.coat_color[0], s.coat_color[1], s.coat_color[2]),
-        *(s.dust, s.dust_color[0], s.dust_color[1], s.dust_color[2], s.dust_roughness),
-    )
+        *s.color, *s.normal, *double, s.roughness, s.metalness, s.specular, s.diffuse_roughness, s.anisotropy,
+        s.coat, *s.coat_normal, s.coat_roughness, s.coat_specular, *s.coat_color,
+        s.dust, *s.dust_color, s.dust_roughness,
+    )  # fmt: skip
 
 
 @wp.func

@@ -34,7 +34,7 @@ def deluxe_material(size: int = 512) -> LayeredMaterial:
         "anisotropy": 0.85 * ring,
         "tangent": np.stack([np.cos(2 * angle), np.sin(2 * angle)], axis=-1),
         "coat": glaze,
-        "coat_normal": _normal(_noise(rng, size, 0.012) * 0.006 + 0.001 * np.sin(2 * np.pi * (5 * x + 3 * y)), size),
+        "coat_normal": _normal(_noise(rng, size, 0.012) * 0.01 + 0.001 * np.sin(2 * np.pi * (5 * x + 3 * y)), size),
         "coat_roughness": 0.06 + 0.16 * cloud * fine,
         "coat_color": tint,
         "fingerprints": _fingerprints(rng, x, y),
