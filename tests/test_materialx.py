@@ -98,7 +98,7 @@ def test_standard_surface_of_nodes(load):
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     np.testing.assert_allclose(material.inputs["normal"], normal, atol=2e-3)  # 16 bits, where the normal is short
     np.testing.assert_allclose(material.inputs["tangent"], [0, 1], atol=1e-6)
-    assert material.name == "shader"
+    assert material.name == "tile"
 
 
 SHADER = "standard_surface"
@@ -117,6 +117,8 @@ SHADER = "standard_surface"
             r"node graph/speck \(noise2d\): not read; there are image, tiledimage",
         ),
         (document(SHADER, '<input name="sheen" type="float" value="0.5"/>'), "input sheen is not read; leave it 0"),
+        (document(SHADER, '<input name="bass" type="float" value="0.5"/>'), "input bass is not read; leave it out"),
+        (document(SHADER, '<input name="tangent" type="vector3" value="1, 0, 0"/>'), "input tangent is not read"),
         (document(SHADER, '<input name="base" type="float" nodename="gone"/>'), "base is connected to what is not"),
         (
             document(
@@ -134,6 +136,17 @@ SHADER = "standard_surface"
 def test_what_is_not_read_is_named(load, text, message):
     with pytest.raises(InputError, match=message):
         load(text)
+
+
+def test_files_from_a_folder_above(load, tmp_path):
+    """As in MaterialX's library, whose documents say `resources/Images/` with a prefix."""
+    (tmp_path / "deep" / "er").mkdir(parents=True)
+    graph = """<image name="grey" type="float"><input name="file" type="filename" value="picture.png"/></image>
+    <output name="o" type="float" nodename="grey"/>"""
+    text = document(SHADER, '<input name="coat" type="float" nodegraph="graph" output="o"/>', graph)
+    (tmp_path / "deep" / "er" / "tile.mtlx").write_text(text)
+    material = load_materialx(tmp_path / "deep" / "er" / "tile.mtlx")
+    np.testing.assert_allclose(material.inputs["coat"][..., 0], load.picture[..., 0], atol=1e-4)
 
 
 def test_one_of_several_materials(load):

@@ -54,13 +54,11 @@ _SHADERS = {
 _ABSENT = {
     "open_pbr_surface": {
         **dict.fromkeys(("transmission_weight", "subsurface_weight", "fuzz_weight", "thin_film_weight"), 0.0),
-        **dict.fromkeys(("emission_luminance", "coat_roughness_anisotropy"), 0.0),
-        "geometry_opacity": 1.0,
+        **{"emission_luminance": 0.0, "geometry_opacity": 1.0},
     },
     "standard_surface": {
         **dict.fromkeys(("transmission", "subsurface", "sheen", "thin_film_thickness", "emission"), 0.0),
-        **dict.fromkeys(("coat_anisotropy", "coat_affect_color", "coat_affect_roughness"), 0.0),
-        "opacity": 1.0,
+        **{"coat_affect_color": 0.0, "coat_affect_roughness": 0.0, "opacity": 1.0},
     },
 }
 """Inputs that must keep what leaves their layer out."""
@@ -70,24 +68,24 @@ def load_materialx(path: Path | str, material: str | None = None) -> LayeredMate
     """A document's material, which must be named where it has several. Needs `pip install 'warp-neural[materialx]'`.
 
     Read are `open_pbr_surface` and `standard_surface`, of constants and the nodes of `Reader`; normals in tangent
-    space. Specular colours count by their mean, coats absorb but do not darken, metals reflect by Schlick's formula.
-    Raises `InputError` for files that are none, and, by name, for layers, nodes and inputs that are not read.
+    space; files beside the document or, as in MaterialX's own library, from a folder above. Specular colours count by
+    their mean, coats are isotropic and do not darken, metals reflect by Schlick's formula. Raises `InputError` for
+    files that are none, and, by name, for layers, nodes and inputs that are not read.
     """
     path = Path(path)
     document = _read(path)  # nodes are of one only as long as it is held
-    shader = _find_shader(path, document, material)
+    name, shader = _find_shader(path, document, material)
     kind, reader = shader.getCategory(), Reader(path)
     if kind not in _SHADERS:
         raise reader.refuse(shader, f"not read; there are {', '.join(_SHADERS)}")
-    for name, value in _ABSENT[kind].items():
-        found = reader.input(shader, name)
-        if (found != value).any():
-            raise reader.refuse(shader, f"input {name} is not read; leave it {value:g}")
-    for name in ("tangent", "geometry_tangent", "geometry_coat_tangent"):
-        if shader.getInput(name) is not None:
-            raise reader.refuse(shader, f"input {name} is not read; leave it out")
+    for absent, value in _ABSENT[kind].items():
+        if (reader.input(shader, absent) != value).any():
+            raise reader.refuse(shader, f"input {absent} is not read; leave it {value:g}")
+    for given in shader.getInputs():
+        if given.getName().endswith("tangent") or not shader.getNodeDef("", True).getActiveInput(given.getName()):
+            raise reader.refuse(shader, f"input {given.getName()} is not read; leave it out")
     values = {ours: reader.input(shader, theirs) for ours, theirs in _SHADERS[kind].items()}
-    return LayeredMaterial(material or shader.getName(), _inputs(values))
+    return LayeredMaterial(name, _inputs(values))
 
 
 def _inputs(values: dict[str, np.ndarray | None]) -> dict[str, np.ndarray | tuple[float, ...]]:
@@ -126,7 +124,7 @@ def _read(path: Path) -> "mx.Document":
     return document
 
 
-def _find_shader(path: Path, document: "mx.Document", material: str | None) -> "mx.Node":
+def _find_shader(path: Path, document: "mx.Document", material: str | None) -> tuple[str, "mx.Node"]:
     own = [node for node in document.getMaterialNodes() if not node.hasSourceUri()]
     names = [node.getName() for node in own]
     if material is not None and material not in names:
@@ -140,4 +138,4 @@ def _find_shader(path: Path, document: "mx.Document", material: str | None) -> "
     shader = given and given.getConnectedNode()
     if shader is None:
         raise InputError(f"{path}: material {chosen.getName()} has no surface shader")
-    return shader
+    return chosen.getName(), shader

@@ -34,7 +34,7 @@ class Reader:
         """None: the geometry's own, as normals have it by default."""
         given = node.getInput(name)
         if given is None:
-            definition = node.getNodeDef()
+            definition = node.getNodeDef("", True)  # also where an input is one that it does not have
             given = definition and definition.getActiveInput(name)
             if given is None:
                 raise self.refuse(node, f"there is no input {name}")
@@ -97,7 +97,12 @@ class Reader:
         if space not in _SPACES:
             raise self.refuse(node, f"colour space {space} is not read; convert to srgb_texture or lin_rec709")
         is_color = node.getType().startswith("color")
-        return load_image(self.path.parent / name, color_space=_SPACES[space] if is_color else "linear")
+        return load_image(self._find(name), color_space=_SPACES[space] if is_color else "linear")
+
+    def _find(self, name: str) -> Path:
+        """Beside the document, or in a folder above, as the paths of MaterialX's own library are."""
+        places = [folder / name for folder in self.path.absolute().parents]
+        return next((place for place in places if place.is_file()), self.path.parent / name)
 
     def _check_place(self, node: "mx.Node") -> None:
         texcoord = node.getInput("texcoord")
