@@ -1,0 +1,122 @@
+"""The decoder: latents, light and view to BRDF times cosine, in learned shading frames.
+
+After Zeltner et al. 2024, "Real-Time Neural Appearance Models", section 4.2: a linear layer takes two frames from the
+latents, directions are turned into both by fixed arithmetic, and the network has no rotations to learn.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from warp_neural.kernels.coopvec.network import make_network
+from warp_neural.kernels.coopvec.typed import make_params_type, make_select, make_typed
+from warp_neural.kernels.materials.neural_spec import LATENTS, NeuralSpec, vec_latents
+from warp_neural.kernels.nn.spec import NetworkSpec
+
+TINY = wp.constant(1.0e-6)  # squared length, added: nothing is divided by zero, in the gradient neither
+vec12 = wp.types.vector(12, float)
+
+
+class Network(NamedTuple):
+    """Params: the struct of its parameters, an `MLP`'s of that shape. func: `(params, x) -> vec`. select: `(params, i)
+    -> params` with another of its networks."""
+
+    Params: Any
+    func: wp.Function
+    select: wp.Function
+
+
+@cache
+def network_of(spec: NetworkSpec) -> Network:
+    params_type = make_params_type(spec, None, spec.sizes[0], 0)
+    return Network(params_type, make_typed(make_network(spec), params_type, spec.vec_out), make_select(params_type))
+
+
+@wp.func
+def near_unit(v: wp.vec3) -> wp.vec3:
+    return v * (1.0 / wp.sqrt(wp.dot(v, v) + TINY))
+
+
+@wp.func
+def frame_from(normal: wp.vec3, tangent: wp.vec3) -> wp.mat33:
+    """Rows x, y and z = normal, orthonormal: Gram and Schmidt's, of any two vectors that are not parallel."""
+    z = near_unit(normal)
+    x = near_unit(tangent - z * wp.dot(z, tangent))
+    return wp.matrix_from_rows(x, wp.cross(z, x), z)
+
+
+@wp.func
+def frame_of_outputs(y: vec12, first: int) -> wp.mat33:
+    """The layer's outputs are added to the surface's own frame, where training begins."""
+    normal = wp.vec3(y[first], y[first + 1], y[first + 2] + 1.0)
+    tangent = wp.vec3(y[first + 3] + 1.0, y[first + 4], y[first + 5])
+    return frame_from(normal, tangent)
+
+
+@wp.func
+def difference_vector(light: wp.vec3, half: wp.vec3) -> wp.vec3:
+    """The light in a frame whose z is the half vector: turned about z, then about y (Rusinkiewicz 1998, "A New Change
+    of Variables for Efficient BRDF Representation")."""
+    sine2 = half[0] * half[0] + half[1] * half[1]
+    along = wp.vec2(1.0, 0.0)
+    sine = wp.sqrt(sine2)
+    if sine > 1.0e-6:
+        along = wp.vec2(half[0] / sine, half[1] / sine)
+    x, y = along[0] * light[0] + along[1] * light[1], along[0] * light[1] - along[1] * light[0]
+    return wp.vec3(half[2] * x - sine * light[2], y, sine * x + half[2] * light[2])
+
+
+@cache
+def make_inputs(spec: NeuralSpec) -> wp.Function:
+    """`(frame layer's params, latents, light, view) -> vec`, what the decoder reads."""
+    layer = network_of(spec.frame_layer)
+    vec_in = spec.decoder.vec_in
+    halves = spec.directions == "half_difference"
+
+    @wp.func
+    def with_latents(latents: vec_latents) -> vec_in:
+        x = vec_in()
+        for i in range(LATENTS):
+            x[i] = latents[i]
+        return x
+
+    @wp.func
+    def inputs_of_surface(params: layer.Params, latents: vec_latents, light: wp.vec3, view: wp.vec3) -> vec_in:
+        x, first, second = with_latents(latents), light, view
+        if halves:
+            first = wp.normalize(light + view)
+            second = difference_vector(light, first)
+        for i in range(3):
+            x[8 + i] = first[i]
+            x[11 + i] = second[i]
+        return x
+
+    @wp.func
+    def inputs_of_frames(params: layer.Params, latents: vec_latents, light: wp.vec3, view: wp.vec3) -> vec_in:
+        x, y = with_latents(latents), layer.func(params, latents)
+        a, b = frame_of_outputs(y, 0), frame_of_outputs(y, 6)
+        light_a, view_a, light_b, view_b = a * light, a * view, b * light, b * view
+        for i in range(3):
+            x[8 + i] = light_a[i]
+            x[11 + i] = view_a[i]
+            x[14 + i] = light_b[i]
+            x[17 + i] = view_b[i]
+        return x
+
+    return inputs_of_frames if spec.frames else inputs_of_surface
+
+
+@cache
+def make_decode(spec: NeuralSpec) -> wp.Function:
+    """`(decoder's params, frame layer's params, latents, light, view) -> vec3`: BRDF times cosine of the light, linear
+    RGB, 1/sr, of any directions. Differentiable."""
+    decoder, layer, inputs = network_of(spec.decoder), network_of(spec.frame_layer), make_inputs(spec)
+
+    @wp.func
+    def decode(
+        params: decoder.Params, frames: layer.Params, latents: vec_latents, light: wp.vec3, view: wp.vec3
+    ) -> wp.vec3:
+        return decoder.func(params, inputs(frames, latents, light, view))
+
+    return decode
