@@ -113,7 +113,12 @@ def make_bake_kernel(spec: LayeredSpec) -> wp.Kernel:
 
     @wp.kernel(module="unique", enable_backward=False)
     def bake_kernel(
-        params: LayeredParams, index: int, lod: float, net: encoder.Params, level: wp.vec3i, texels: wp.array[vec_latents]
+        params: LayeredParams,
+        index: int,
+        lod: float,
+        net: encoder.Params,
+        level: wp.vec3i,
+        texels: wp.array[vec_latents],
     ):
         row, column = wp.tid()
         uv = wp.vec2((float(column) + 0.5) / float(level[2]), 1.0 - (float(row) + 0.5) / float(level[1]))
@@ -140,7 +145,11 @@ def make_loss_kernel(spec: NeuralSpec, pairs: int) -> wp.Kernel:
 
     @wp.kernel(module="unique")
     def loss_kernel(
-        params: decoder.Params, frames: layer.Params, latents: wp.array[vec_latents], draws: Draws, loss: wp.array[float]
+        params: decoder.Params,
+        frames: layer.Params,
+        latents: wp.array[vec_latents],
+        draws: Draws,
+        loss: wp.array[float],
     ):
         i = wp.tid()
         value, target = decode(params, frames, latents[i / pairs], draws.light[i], draws.view[i]), draws.target[i]

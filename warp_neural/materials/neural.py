@@ -29,7 +29,9 @@ class NeuralMaterial:
             raise InputError("a set of no neural materials; give one or more")
         specs = dict.fromkeys(state.spec for state in states)
         if len(specs) > 1:
-            raise InputError(f"neural materials of {' and of '.join(map(str, specs))}; a set has one kind: bake them alike")
+            raise InputError(
+                f"neural materials of {' and of '.join(map(str, specs))}; a set has one kind: bake them alike"
+            )
         self.states, self.spec, self.device = states, states[0].spec, find_device(device)
         functions = make_neural(self.spec)
         self.evaluate, self.sample, self.density = functions.evaluate, functions.sample, functions.density

@@ -28,7 +28,9 @@ class NeuralState:
         for name, spec in self.spec.networks.items():
             found = self.networks.get(name)
             if found is None or found.spec != spec or found.count != 1:
-                raise InputError(f"neural material {self.source}: {name} is not the one network of a {self.spec} decoder")
+                raise InputError(
+                    f"neural material {self.source}: {name} is not the one network of a {self.spec} decoder"
+                )
         for level in self.codes:
             if level.dtype != np.uint8 or level.ndim != 3 or level.shape[2] != LATENTS or not level.size:
                 raise InputError(f"neural material {self.source}: latents are {level.dtype} {level.shape}")
