@@ -15,7 +15,7 @@ from warp_neural.kernels.materials.neural_spec import LATENTS, NeuralSpec, vec_l
 from warp_neural.kernels.nn.spec import NetworkSpec
 
 TINY = wp.constant(1.0e-6)  # squared length, added: nothing is divided by zero, in the gradient neither
-vec12 = wp.types.vector(12, float)
+vec6, vec12 = wp.types.vector(6, float), wp.types.vector(12, float)
 
 
 class Network(NamedTuple):
@@ -59,20 +59,36 @@ def difference_vector(light: wp.vec3, half: wp.vec3) -> wp.vec3:
     """The light in a frame whose z is the half vector: turned about z, then about y (Rusinkiewicz 1998, "A New Change
     of Variables for Efficient BRDF Representation")."""
     sine2 = half[0] * half[0] + half[1] * half[1]
-    along = wp.vec2(1.0, 0.0)
-    sine = wp.sqrt(sine2)
-    if sine > 1.0e-6:
-        along = wp.vec2(half[0] / sine, half[1] / sine)
-    x, y = along[0] * light[0] + along[1] * light[1], along[0] * light[1] - along[1] * light[0]
-    return wp.vec3(half[2] * x - sine * light[2], y, sine * x + half[2] * light[2])
+    result = light
+    if sine2 > 1.0e-12:  # there the frame turns at once, and a slope has no bound
+        sine = wp.sqrt(sine2)
+        x = (half[0] * light[0] + half[1] * light[1]) / sine
+        y = (half[0] * light[1] - half[1] * light[0]) / sine
+        result = wp.vec3(half[2] * x - sine * light[2], y, sine * x + half[2] * light[2])
+    return result
+
+
+@cache
+def make_pair(spec: NeuralSpec) -> wp.Function:
+    """`(light, view) -> 6 numbers`, in whatever frame they are given."""
+    halves = spec.directions == "half_difference"
+
+    @wp.func
+    def pair(light: wp.vec3, view: wp.vec3) -> vec6:
+        first, second = light, view
+        if halves:
+            first = near_unit(light + view)
+            second = difference_vector(light, first)
+        return vec6(first[0], first[1], first[2], second[0], second[1], second[2])
+
+    return pair
 
 
 @cache
 def make_inputs(spec: NeuralSpec) -> wp.Function:
     """`(frame layer's params, latents, light, view) -> vec`, what the decoder reads."""
-    layer = network_of(spec.frame_layer)
+    layer, pair = network_of(spec.frame_layer), make_pair(spec)
     vec_in = spec.decoder.vec_in
-    halves = spec.directions == "half_difference"
 
     @wp.func
     def with_latents(latents: vec_latents) -> vec_in:
@@ -83,25 +99,19 @@ def make_inputs(spec: NeuralSpec) -> wp.Function:
 
     @wp.func
     def inputs_of_surface(params: layer.Params, latents: vec_latents, light: wp.vec3, view: wp.vec3) -> vec_in:
-        x, first, second = with_latents(latents), light, view
-        if halves:
-            first = wp.normalize(light + view)
-            second = difference_vector(light, first)
-        for i in range(3):
-            x[8 + i] = first[i]
-            x[11 + i] = second[i]
+        x, own = with_latents(latents), pair(light, view)
+        for i in range(6):
+            x[8 + i] = own[i]
         return x
 
     @wp.func
     def inputs_of_frames(params: layer.Params, latents: vec_latents, light: wp.vec3, view: wp.vec3) -> vec_in:
         x, y = with_latents(latents), layer.func(params, latents)
         a, b = frame_of_outputs(y, 0), frame_of_outputs(y, 6)
-        light_a, view_a, light_b, view_b = a * light, a * view, b * light, b * view
-        for i in range(3):
-            x[8 + i] = light_a[i]
-            x[11 + i] = view_a[i]
-            x[14 + i] = light_b[i]
-            x[17 + i] = view_b[i]
+        first, second = pair(a * light, a * view), pair(b * light, b * view)
+        for i in range(6):
+            x[8 + i] = first[i]
+            x[14 + i] = second[i]
         return x
 
     return inputs_of_frames if spec.frames else inputs_of_surface

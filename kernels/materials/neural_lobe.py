@@ -1,10 +1,10 @@
 """A mixture of two lobes with a closed form: what neural materials are sampled by.
 
-A light l is a point on the plane z = 1, its slopes l_xy / l_z. There GGX's distribution of slopes, 1 / (pi (1 + |g|^2)^2),
-is the cosine lobe; moved and stretched, s = m_xy / m_z + J L g, it is a lobe about the direction m, and every point of
-the plane is a light above the surface: the density integrates to one, whatever the numbers. L, lower triangular, are
-widths among directions' x and y, where a facet's lobe keeps its shape at all angles; J = (1 + m_xy m_xy^T / m_z^2) / m_z
-takes them to slopes. With q = L^-1 J^-1 (l_xy - l_z m_xy / m_z) the density is
+A light l is a point on the plane z = 1, its slopes l_xy / l_z. There GGX's distribution of slopes, of alpha 1,
+1 / (pi (1 + |g|^2)^2), is the cosine lobe; moved and stretched, s = m_xy / m_z + J L g, it is a lobe about the direction
+m, and every point of the plane is a light above the surface: the density integrates to one, whatever the numbers. L,
+lower triangular, are widths among directions' x and y, where a facet's lobe keeps its shape at all angles;
+J = (1 + m_xy m_xy^T / m_z^2) / m_z takes them to slopes. With q = L^-1 J^-1 (l_xy - l_z m_xy / m_z) the density is
 
     m_z^4 / (pi det L)  l_z / (l_z^2 + |q|^2)^2,     J^-1 = m_z (1 - m_xy m_xy^T),
 

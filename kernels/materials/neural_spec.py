@@ -19,15 +19,16 @@ SAMPLER_OUTPUTS = 10  # mean direction 3, widths 3, share of the diffuse lobe 1,
 class NeuralSpec:
     """The decoder: `depth` hidden layers of `width`, as the dial's 2x16, 2x32 and 3x64, of `precision`.
 
-    frames: 2 learned shading frames, in whose coordinates it reads light and view, or 0 for the surface's own. Then
-    directions says how: as they are, or as half and difference vector (Rusinkiewicz 1998), as utracer's.
+    frames: 2 learned shading frames, in whose coordinates it reads light and view, or 0 for the surface's own.
+    directions: as what it reads them in each frame, light and view themselves, or half and difference vector, which
+    leave a third less error: a highlight lies about half vectors, wherever light and view are.
     """
 
     depth: int = 2
     width: int = 32
     frames: int = 2
     precision: str = "float16"
-    directions: str = "light_view"
+    directions: str = "half_difference"
 
     def __post_init__(self) -> None:
         require_whole("depth", self.depth, 1, 8)

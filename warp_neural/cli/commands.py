@@ -1,4 +1,4 @@
-"""The command `warp-neural`: describe files, convert networks, compress textures, export networks, list devices."""
+"""The command `warp-neural`: describe and convert files, compress textures, bake materials, export networks."""
 
 import json
 import sys
@@ -13,6 +13,7 @@ import warp as wp
 from warp_neural import __version__, cli
 from warp_neural.cli.ending import ending
 from warp_neural.cli.export_command import Export
+from warp_neural.cli.neural_commands import Bake, describe_neural
 from warp_neural.cli.printing import lines_of
 from warp_neural.cli.texture_commands import Compress, Decompress
 from warp_neural.cli.texture_info import describe_engine, describe_file, is_texture
@@ -39,7 +40,7 @@ class _Command:
 
 @dataclass(frozen=True, kw_only=True)
 class Info(_Command):
-    """Describe a network (safetensors, or RTXNS's binary or JSON), a checkpoint or a neural texture of either form."""
+    """Describe a network (safetensors, or RTXNS's binary or JSON), a checkpoint, a neural material or a neural texture."""
 
     file: tyro.conf.Positional[Path]
     """of any of these forms, recognised by its content"""
@@ -52,6 +53,10 @@ class Info(_Command):
             network = read_rtxns(self.file)
             return {"format": form.name.lower(), **_describe_rtxns(network)}
         tensors, metadata = load_tensors(self.file)
+        if metadata.get("format") == "neural_material":
+            from warp_neural.materials.neural_file import neural_from_tensors  # reads much that the rest does without
+
+            return describe_neural(self.file, neural_from_tensors(self.file, tensors, metadata))
         if metadata.get("format") != "network":
             return self.describe_tensors(tensors, metadata)
         state = from_tensors(self.file, tensors, metadata)
@@ -154,7 +159,7 @@ def main(args: list[str] | None = None) -> None:
         return
     cli.run(
         lambda command: command.main(),
-        Info | Compress | Decompress | Convert | Export | Devices,
+        Info | Compress | Decompress | Bake | Convert | Export | Devices,
         args,
         prog="warp-neural",
     )

@@ -22,7 +22,7 @@ WAYS = ("texture", "encoder")
 
 @dataclass(frozen=True)
 class Effort:
-    """side: texels of the finest latents' sides. steps: of the decoder, of which the last quarter tunes texture and
+    """side: texels of the finest latents' sides. steps: of the decoder, of which the last eighth tunes texture and
     decoder without the encoder. sampler_steps: after them. A step sees `places`, each with `pairs` of directions."""
 
     side: int
@@ -105,11 +105,11 @@ def _train_decoder(training: Training, way: str, effort: Effort, seen) -> None:
         optimizers = training.optimizers({**networks, training.texels: 5 * rate}, effort.steps)
         run(device, effort.steps, lambda: training.decoder_step(training.read, optimizers, TRAINING), seen)
         return
-    first = effort.steps - effort.steps // 4
-    optimizers = training.optimizers({**networks, training.encoder.master: rate / 2}, first)
+    first = effort.steps - effort.steps // 8
+    optimizers = training.optimizers({**networks, training.encoder.master: 0.75 * rate}, first)
     run(device, first, lambda: training.decoder_step(training.encode, optimizers, TRAINING), seen)
     training.bake()
-    tuned = {array: each / 8 for array, each in networks.items()} | {training.texels: rate}
+    tuned = {array: each / 8 for array, each in networks.items()} | {training.texels: rate / 8}
     tuners = training.optimizers(tuned, effort.steps - first)
     run(device, effort.steps - first, lambda: training.decoder_step(training.read, tuners, TUNING), seen)
 

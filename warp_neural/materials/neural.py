@@ -20,8 +20,8 @@ class NeuralMaterial:
         material = wn.materials.load_neural("leather.wnm")
         material.evaluate(params, index, uv, lod, light, view)   # in kernels; params: material.Params
 
-    The functions are `kernels.materials.neural.NeuralFunctions`; `params` goes to launches. Any thread of any kernel may
-    call them, with an index of its own, without a condition on the launch.
+    The functions are `kernels.materials.neural.NeuralFunctions`; `params` goes to launches. Any thread of any kernel
+    may call them, with an index of its own, without a condition on the launch.
     """
 
     def __init__(self, *states: NeuralState, device: wp.DeviceLike = None):

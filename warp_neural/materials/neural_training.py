@@ -93,9 +93,7 @@ class Training:
 
     def _latents(self, kernel: wp.Kernel, inputs: list, gradients: list, adjoint: bool) -> None:
         adjoints = {"adjoint": True, "adj_inputs": gradients, "adj_outputs": [self.latents.grad]} if adjoint else {}
-        wp.launch(
-            kernel, self.latents.size, inputs, [self.latents], device=self.device, record_tape=False, **adjoints
-        )
+        wp.launch(kernel, self.latents.size, inputs, [self.latents], device=self.device, record_tape=False, **adjoints)
 
     def decoder_step(self, latents_of: Callable[[bool], None], optimizers: list[Adam], purpose: int) -> None:
         """latents_of: `encode` or `read`. optimizers: of what is trained. purpose: of the random numbers."""
