@@ -1,14 +1,15 @@
 """A mixture of two lobes with a closed form: what neural materials are sampled by.
 
 A light l is a point on the plane z = 1, its slopes l_xy / l_z. There GGX's distribution of slopes, of alpha 1,
-1 / (pi (1 + |g|^2)^2), is the cosine lobe; moved and stretched, s = m_xy / m_z + J L g, it is a lobe about the direction
+1 / (pi (1 + |g|^2)^2), is the cosine lobe; moved and stretched, s = m_xy / m_z + J L g, it is a lobe about a direction
 m, and every point of the plane is a light above the surface: the density integrates to one, whatever the numbers. L,
-lower triangular, are widths among directions' x and y, where a facet's lobe keeps its shape at all angles;
-J = (1 + m_xy m_xy^T / m_z^2) / m_z takes them to slopes. With q = L^-1 J^-1 (l_xy - l_z m_xy / m_z) the density is
+lower triangular, are angles near m; J = (1 + m_xy m_xy^T / (m_z (1 + m_z))) / m_z takes them to slopes. With
+q = L^-1 J^-1 (l_xy - l_z m_xy / m_z) the density is
 
-    m_z^4 / (pi det L)  l_z / (l_z^2 + |q|^2)^2,     J^-1 = m_z (1 - m_xy m_xy^T),
+    m_z^3 / (pi det L)  l_z / (l_z^2 + |q|^2)^2,     J^-1 = m_z (1 - m_xy m_xy^T / (1 + m_z)),
 
-without a division by l_z. Zeltner et al. 2024, section 4.3, have a lobe of facets and a diffuse one likewise.
+without a division by l_z. Zeltner et al. 2024, section 4.3, have a lobe of facets and a diffuse one likewise, but lose
+what falls below the surface.
 """
 
 import warp as wp
@@ -16,8 +17,8 @@ import warp as wp
 from warp_neural.kernels.materials.neural_spec import SAMPLER_OUTPUTS
 from warp_neural.kernels.shading.brdf import INV_PI
 
-LEAST_MEAN = wp.constant(0.02)  # z of the lobe's direction
-LEAST_WIDTH = wp.constant(0.01)
+STEEPEST = wp.constant(10.0)  # slope of the lobe's direction
+LEAST_WIDTH = wp.constant(0.005)
 LARGEST_WIDTH = wp.constant(2.0)
 LEAST_SHARE = wp.constant(0.02)  # of either lobe: there is no light that is never drawn
 
@@ -36,7 +37,7 @@ class Lobe:
 
 @wp.func
 def width_of(x: float) -> float:
-    """From LEAST_WIDTH to LARGEST_WIDTH, 0.15 for 0."""
+    """From LEAST_WIDTH to LARGEST_WIDTH, 0.1 for 0."""
     t = 1.0 / (1.0 + wp.exp(-wp.clamp(x, -30.0, 30.0)))
     return LEAST_WIDTH * wp.exp(t * wp.log(LARGEST_WIDTH / LEAST_WIDTH))
 
@@ -46,8 +47,9 @@ def lobe_of(y: vec_sampler, view: wp.vec3) -> Lobe:
     """Of the sampler's outputs: zeros are a lobe about the mirrored view."""
     lobe = Lobe()
     x, z = wp.vec2(y[0] - view[0], y[1] - view[1]), y[2] + view[2]
-    up = LEAST_MEAN + 0.5 * (z + wp.sqrt(z * z + 0.01))
-    lobe.mean = wp.normalize(wp.vec3(x[0], x[1], up))
+    up = 0.5 * (z + wp.sqrt(z * z + 0.01))
+    slopes = x * (STEEPEST / wp.sqrt(STEEPEST * STEEPEST * up * up + wp.dot(x, x)))
+    lobe.mean = wp.normalize(wp.vec3(slopes[0], slopes[1], 1.0))
     lobe.width = wp.vec2(width_of(y[3]), width_of(y[4]))
     lobe.skew = 0.5 * lobe.width[1] * wp.clamp(y[5], -4.0, 4.0)
     t = 1.0 / (1.0 + wp.exp(-wp.clamp(y[6], -30.0, 30.0)))
@@ -60,12 +62,11 @@ def lobe_density(lobe: Lobe, light: wp.vec3) -> float:
     """Of `sample_lobe`, 1/sr; the light has z > 0."""
     m, z = lobe.mean, light[2]
     x, y = light[0] * m[2] - m[0] * z, light[1] * m[2] - m[1] * z  # m_z times the distance
-    along = x * m[0] + y * m[1]
+    along = (x * m[0] + y * m[1]) / (1.0 + m[2])
     first = (x - m[0] * along) / lobe.width[0]
     second = (y - m[1] * along - lobe.skew * first) / lobe.width[1]
     spread = z * z + first * first + second * second
-    z2 = m[2] * m[2]
-    peak = z2 * z2 / (lobe.width[0] * lobe.width[1]) * z / (spread * spread)
+    peak = m[2] * m[2] * m[2] / (lobe.width[0] * lobe.width[1]) * z / (spread * spread)
     return INV_PI * (lobe.share * z + (1.0 - lobe.share) * peak)
 
 
@@ -79,6 +80,6 @@ def sample_lobe(lobe: Lobe, u: wp.vec3) -> wp.vec3:
         m = lobe.mean
         x = lobe.width[0] * gx
         y = lobe.skew * gx + lobe.width[1] * gy
-        along = (x * m[0] + y * m[1]) / (m[2] * m[2])
+        along = (x * m[0] + y * m[1]) / (m[2] * (1.0 + m[2]))
         slopes = wp.vec2(m[0] + x + m[0] * along, m[1] + y + m[1] * along) / m[2]
     return wp.normalize(wp.vec3(slopes[0], slopes[1], 1.0))

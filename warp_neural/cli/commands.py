@@ -40,7 +40,7 @@ class _Command:
 
 @dataclass(frozen=True, kw_only=True)
 class Info(_Command):
-    """Describe a network (safetensors, or RTXNS's binary or JSON), a checkpoint, a neural material or a neural texture."""
+    """Describe a network (safetensors, or RTXNS's binary or JSON), a checkpoint, a neural material or texture."""
 
     file: tyro.conf.Positional[Path]
     """of any of these forms, recognised by its content"""

@@ -1,6 +1,5 @@
 """Neural materials for kernels: layered materials as latents and small networks, for any renderer."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from warp_neural.kernels.materials.neural_latents import LatentTexture
 from warp_neural.materials.neural_file import read_neural, write_neural
 from warp_neural.materials.neural_state import NeuralState
 from warp_neural.nn.mlp import MLP
+from warp_neural.nn.state import NetworkState
 
 
 class NeuralMaterial:
@@ -57,9 +57,8 @@ class NeuralMaterial:
 
     def _network(self, name: str) -> MLP:
         """Of all materials, one after the other."""
-        states = [state.networks[name] for state in self.states]
-        parameters = np.concatenate([state.parameters for state in states])
-        return MLP.from_state(replace(states[0], parameters=parameters, count=len(states)), device=self.device)
+        parameters = np.concatenate([state.networks[name].parameters for state in self.states])
+        return MLP.from_state(NetworkState(self.spec.networks[name], parameters, len(self)), device=self.device)
 
 
 def load_neural(*paths: Path | str, device: wp.DeviceLike = None) -> NeuralMaterial:
