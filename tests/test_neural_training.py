@@ -134,7 +134,7 @@ def test_a_metal_is_learned(device):
     """Values, albedo, and a sampler whose estimates of the albedo vary far less than a cosine's."""
     metal = LayeredMaterial("metal", {"metalness": 1.0, "roughness": 0.35, "color": (0.9, 0.6, 0.3)})
     neural = bake(metal, effort=Effort(1, 1200, 1200, 64), seed=1, device=device)
-    assert neural.states[0].metrics["error"] < 0.03
+    assert neural.states[0].metrics["error"] < 0.05
     rng, n, view = np.random.default_rng(2), 20_000, (0.6, 0.0, 0.8)
     u = rng.random((n, 3))
     samples = probe(neural, 0, (0.5, 0.5, 0), view, np.tile(view, (n, 1)), u)[3]

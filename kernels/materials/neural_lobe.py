@@ -46,9 +46,11 @@ def width_of(x: float) -> float:
 def lobe_of(y: vec_sampler, view: wp.vec3) -> Lobe:
     """Of the sampler's outputs: zeros are a lobe about the mirrored view."""
     lobe = Lobe()
-    x, z = wp.vec2(y[0] - view[0], y[1] - view[1]), y[2] + view[2]
+    far = 100.0  # networks of large weights say anything
+    x = wp.vec2(wp.clamp(y[0], -far, far) - view[0], wp.clamp(y[1], -far, far) - view[1])
+    z = wp.clamp(y[2], -far, far) + view[2]
     up = 0.5 * (z + wp.sqrt(z * z + 0.01))
-    slopes = x * (STEEPEST / wp.sqrt(STEEPEST * STEEPEST * up * up + wp.dot(x, x)))
+    slopes = x * (STEEPEST / wp.sqrt(STEEPEST * STEEPEST * up * up + wp.dot(x, x) + 1.0e-12))
     lobe.mean = wp.normalize(wp.vec3(slopes[0], slopes[1], 1.0))
     lobe.width = wp.vec2(width_of(y[3]), width_of(y[4]))
     lobe.skew = 0.5 * lobe.width[1] * wp.clamp(y[5], -4.0, 4.0)
