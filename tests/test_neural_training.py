@@ -60,7 +60,7 @@ def reference_loss(spec, parameters, layer, latents, light, view, target):
         h = h @ weights.T + biases
         h = h if i == len(layers) - 1 else np.where(h > 0, h, 0.01 * h)
         start += n * k + n
-    return np.abs(np.log1p(np.exp(h - 3)) - np.log1p(target)).mean(axis=-1)
+    return np.abs(np.log(0.02 + np.exp(h - 3)) - np.log(0.02 + target)).mean(axis=-1)
 
 
 def differences(function, x):

@@ -23,6 +23,7 @@ ENCODER = NetworkSpec((PARAMETERS, 64, 64, 64, 8), activations.leaky_relu, activ
 """The material's own parameters to latents; thrown away when they are baked."""
 
 FINEST = wp.constant(0.8)  # of the places; the others are spread over the coarser levels
+DARK = wp.constant(0.02)  # f cos from where on differences count by their ratio
 MOST_WEIGHT = wp.constant(8.0)  # of a light in the sampler's loss; beyond it are lights that mixtures hardly ever draw
 
 
@@ -140,7 +141,11 @@ def read_kernel(
 
 @cache
 def make_loss_kernel(spec: NeuralSpec, pairs: int) -> wp.Kernel:
-    """Mean over RGB of |log(1 + prediction) - log(1 + target)|, of each pair."""
+    """Mean over RGB of |log(DARK + prediction) - log(DARK + target)|, of each pair.
+
+    Errors are reported with 1 for DARK, as Zeltner et al. train. There a diffuse base of 0.05 counts nothing beside a
+    highlight of 100, and its gradient fades with exp: decoders went black where no highlight was, and stayed so.
+    """
     decoder, layer, decode = network_of(spec.decoder), network_of(spec.frame_layer), make_decode(spec)
 
     @wp.kernel(module="unique")
@@ -155,7 +160,7 @@ def make_loss_kernel(spec: NeuralSpec, pairs: int) -> wp.Kernel:
         value, target = decode(params, frames, latents[i / pairs], draws.light[i], draws.view[i]), draws.target[i]
         total = float(0.0)
         for c in range(3):
-            total += wp.abs(wp.log(1.0 + value[c]) - wp.log(1.0 + target[c]))
+            total += wp.abs(wp.log(DARK + value[c]) - wp.log(DARK + target[c]))
         loss[i] = total / 3.0
 
     return loss_kernel
