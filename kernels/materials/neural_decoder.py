@@ -1,6 +1,6 @@
 """The decoder: latents, light and view to BRDF times cosine, in learned shading frames.
 
-After Zeltner et al. 2024, "Real-Time Neural Appearance Models", section 4.2: a linear layer takes two frames from the
+After Zeltner et al. 2024, "Real-Time Neural Appearance Models": a linear layer takes two frames from the
 latents, directions are turned into both by fixed arithmetic, and the network has no rotations to learn.
 """
 

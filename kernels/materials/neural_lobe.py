@@ -8,7 +8,7 @@ q = L^-1 J^-1 (l_xy - l_z m_xy / m_z) the density is
 
     m_z^3 / (pi det L)  l_z / (l_z^2 + |q|^2)^2,     J^-1 = m_z (1 - m_xy m_xy^T / (1 + m_z)),
 
-without a division by l_z. Zeltner et al. 2024, section 4.3, have a lobe of facets and a diffuse one likewise, but lose
+without a division by l_z. Zeltner et al. 2024 have a lobe of facets and a diffuse one likewise, but lose
 what falls below the surface.
 """
 

@@ -21,7 +21,7 @@ class NeuralSpec:
 
     frames: 2 learned shading frames, in whose coordinates it reads light and view, or 0 for the surface's own.
     directions: as what it reads them in each frame, light and view themselves, or half and difference vector, which
-    leave a third less error: a highlight lies about half vectors, wherever light and view are.
+    left less error in every trial: a highlight lies about half vectors, wherever light and view are.
     """
 
     depth: int = 2

@@ -143,7 +143,7 @@ def read_kernel(
 def make_loss_kernel(spec: NeuralSpec, pairs: int) -> wp.Kernel:
     """Mean over RGB of |log(DARK + prediction) - log(DARK + target)|, of each pair.
 
-    Errors are reported with 1 for DARK, as Zeltner et al. train. There a diffuse base of 0.05 counts nothing beside a
+    Errors are reported with 1 for DARK, as utracer trains. There a diffuse base of 0.05 counts nothing beside a
     highlight of 100, and its gradient fades with exp: decoders went black where no highlight was, and stayed so.
     """
     decoder, layer, decode = network_of(spec.decoder), network_of(spec.frame_layer), make_decode(spec)

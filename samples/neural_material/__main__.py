@@ -14,9 +14,15 @@ under a point light, and the material as material.wnm.
 
 All three have the same decoder, 2x32, and see the same number of samples; then 2x16 and 3x64 with frames. Errors are
 means of |log(1 + prediction) - log(1 + reference)| of BRDF times cosine, over held-out places and directions, half of
-the lights where highlights are. On two CPU cores, 64 x 64 latents, two million samples:
+the lights where highlights are. On two CPU cores, 64 x 64 latents, two million samples a
+training, one minute in all:
 
-EXPECTED
+    naive     0.165      2x16   0.185
+    encoder   0.157      2x32   0.152
+    frames    0.152      3x64   0.130
+
+That is one seed. All three make the brass's highlights too wide, and in the displayed picture naive is nearest to the
+reference (mean difference 0.081, 0.088, 0.091): at this size each texel sees some 400 pairs of its own.
 """
 
 import time
