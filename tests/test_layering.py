@@ -20,6 +20,7 @@ kernels.training.cpu kernels.training.mma kernels.training.hopper64
 kernels.training.hopper128
 kernels.training
 kernels.texture
+kernels.render
 errors
 config io
 coopvec
