@@ -9,10 +9,10 @@ from warp_neural.render.mesh import Mesh
 COLUMNS = 256  # around: of a silhouette 1000 pixels wide, sides are within 0.1 pixel of the circle
 RINGS = 400  # of the knob, from top to bottom
 FINE = 20  # points a ring, between which the knob's rings are spread
-BALL = 1.42, 1.0  # the knob's: height of its middle, radius
+BALL = 1.5, 1.0  # the knob's: height of its middle, radius
 GROOVE = 102, 113  # degrees from the top
 DEPTH = 0.1  # of the groove
-FOOT = ((0.36, 0.52), (0.34, 0.42), (0.40, 0.33), (0.62, 0.29), (0.86, 0.27), (0.96, 0.25))
+FOOT = ((0.36, 0.57), (0.31, 0.49), (0.31, 0.40), (0.38, 0.32), (0.62, 0.28), (0.86, 0.27), (0.96, 0.25))
 RIM = ((1.0, 0.21), (1.0, 0.12), (1.0, 0.05), (0.97, 0.0), (0.9, 0.0), (0.6, 0.0), (0.3, 0.0))
 
 
@@ -39,7 +39,7 @@ def floor(size: float = 20.0, *, material: int = 0, repeat: float = 10.0) -> Mes
 
 
 def knob(*, material: int = 0, columns: int = COLUMNS, repeat: float = 3.0) -> Mesh:
-    """A ball with a groove on a foot, 2.4 high and 2 wide: bulges and hollows, gentle and tight. One smooth surface.
+    """A ball with a groove on a foot, 2.5 high and 2 wide: bulges and hollows, gentle and tight. One smooth surface.
 
     u goes `repeat` times around, to the right as seen from outside; v down with the same length at the equator.
     """
