@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from warp_neural.errors import InputError
+from warp_neural.render.attributes import smooth_normals
 from warp_neural.render.mesh import Mesh
 
 SUFFIXES = ".glb", ".gltf", ".obj", ".ply"
@@ -20,39 +21,43 @@ def load_mesh(path: Path | str, *, material: int | None = None) -> Mesh:
     missing, damaged or without triangles.
     """
     path = Path(path)
-    parts = [_part(part) for part in _parts(path)]
-    names = list(dict.fromkeys(name for *_, name in parts))
-    first = np.cumsum([0, *(len(positions) for positions, *_ in parts)])
-    triangles = [part[1] + start for part, start in zip(parts, first[:-1], strict=True)]
-    materials = [np.full(len(part[1]), names.index(part[-1])) for part in parts]
-    try:
-        return Mesh(
-            positions=np.concatenate([part[0] for part in parts]),
-            triangles=np.concatenate(triangles),
-            normals=np.concatenate([part[2] for part in parts]),
-            uvs=np.concatenate([part[3] for part in parts]),
-            materials=np.concatenate(materials) if material is None else material,
-        )
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    parts = _parts(path)
+    meshes, names = zip(*parts, strict=True)
+    order = list(dict.fromkeys(names))
+    first = np.cumsum([0, *(len(mesh.positions) for mesh in meshes)])
+    attributes = {
+        name: np.concatenate([getattr(mesh, name) for mesh in meshes])
+        for name in ("positions", "normals", "uvs", "tangents")
+    }
+    numbers = [np.full(len(mesh.triangles), order.index(name)) for mesh, name in parts]
+    return Mesh(
+        **attributes,
+        triangles=np.concatenate([mesh.triangles + start for mesh, start in zip(meshes, first[:-1], strict=True)]),
+        materials=np.concatenate(numbers) if material is None else material,
+    )
 
 
-def _parts(path: Path) -> list[Any]:
-    """`trimesh.Trimesh` of each part, in the scene's space."""
+def _parts(path: Path) -> list[tuple[Mesh, str]]:
+    """Each mesh in the scene's space, and the name of its material."""
     try:
         import trimesh
     except ImportError:
-        raise InputError(f"{path}: meshes are read by trimesh, which is not here; pip install trimesh") from None
+        raise InputError(f"{path}: meshes are read by trimesh, which is not here; pip install 'warp-neural[meshes]'") from None
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: unknown suffix {path.suffix!r}; use one of {', '.join(SUFFIXES)}")
+    parts = []
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: no file, or larger than {MAX_BYTES} bytes; check the name")
+            raise InputError("no file, or too large; check the name")
         with np.errstate(all="ignore"):
-            loaded = trimesh.load_scene(path, process=False)
-            parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    except InputError:
-        raise
+            scene = trimesh.load_scene(path, process=False)
+            for node in scene.graph.nodes_geometry:
+                matrix, name = scene.graph[node]
+                part = scene.geometry[name]
+                if isinstance(part, trimesh.Trimesh) and len(part.faces):
+                    parts.append((_mesh(part).transformed(matrix), _material_name(part)))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
     except Exception as error:  # whatever a damaged file makes trimesh and what it calls raise
         detail = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise InputError(f"{path}: cut short or damaged ({detail}); export it again") from None
@@ -61,15 +66,18 @@ def _parts(path: Path) -> list[Any]:
     return parts
 
 
-def _part(part: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str]:
-    """positions, triangles, normals, uvs, the name of its material"""
-    positions, triangles = np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int64)
+def _mesh(part: Any) -> Mesh:
+    positions, triangles = np.array(part.vertices, np.float64), np.array(part.faces, np.int64)
+    normals = smooth_normals(positions, triangles)
+    if "vertex_normals" in part._cache:  # the file's; those that trimesh makes show the seams of textures
+        given = np.array(part.vertex_normals, np.float64)
+        normals = np.where(np.linalg.norm(given, axis=-1, keepdims=True) > 0, given, normals)
     uvs = getattr(part.visual, "uv", None)
-    uvs = np.zeros((len(positions), 2)) if uvs is None or len(uvs) != len(positions) else np.array(uvs, np.float64)
-    uvs[:, 1] = 1 - uvs[:, 1]  # trimesh counts v up the picture
-    return positions, triangles, np.array(part.vertex_normals), uvs[:, :2], material_name(part)
+    if uvs is None or len(uvs) != len(positions):
+        uvs = np.zeros((len(positions), 2))
+    uvs = np.array(uvs, np.float64)[:, :2] * [1, -1] + [0, 1]  # trimesh counts v up the picture
+    return Mesh(positions, triangles, normals, uvs)
 
 
-def material_name(part: Any) -> str:
-    material = getattr(part.visual, "material", None)
-    return str(getattr(material, "name", None))
+def _material_name(part: Any) -> str:
+    return str(getattr(getattr(part.visual, "material", None), "name", None))
