@@ -22,5 +22,5 @@ def ray_of(camera: CameraData, x: float, y: float, width: int, height: int) -> w
 
 @wp.func
 def pixel_angle(camera: CameraData, height: int) -> float:
-    """In radians, of a pixel in the middle of the picture (Akenine-Möller et al. 2019, eq. 30)."""
+    """In radians, of a pixel in the middle of the picture (Akenine-Möller et al. 2019, section 20.3.4)."""
     return wp.atan(2.0 * wp.length(camera.up) / float(height))

@@ -1,8 +1,8 @@
 """Paths of light from the camera: what a pixel sees of a scene, by chance and right on average.
 
 Kajiya 1986, "The Rendering Equation"; direct light by drawing from environment and material, each weighed by the power
-heuristic (Veach 1997, "Robust Monte Carlo Methods for Light Transport Simulation", eq. 9.14); footprints in textures by
-ray cones (Akenine-Möller et al. 2019, "Texture Level of Detail Strategies for Real-Time Ray Tracing").
+heuristic (Veach 1997, "Robust Monte Carlo Methods for Light Transport Simulation", section 9.2); footprints in textures
+by ray cones (Akenine-Möller et al. 2019, "Texture Level of Detail Strategies for Real-Time Ray Tracing").
 """
 
 from functools import cache
@@ -96,13 +96,13 @@ def missed(scene: View, direction: wp.vec3, chance: float) -> wp.vec3:
 
 @wp.func
 def level(scene: View, hit: Hit, width: float, cosine: float) -> float:
-    """Of detail: the log2 of a cone's width on the surface, in texels (Akenine-Möller et al. 2019, eq. 34)."""
+    """Of detail: the log2 of a cone's width on the surface, in texels (Akenine-Möller et al. 2019, section 20.3.4)."""
     return hit.detail[0] + wp.log2(wp.max(width, 1.0e-20) / cosine) + scene.detail
 
 
 @wp.func
 def spread_after(hit: Hit, spread: float, width: float, chance: float) -> float:
-    """Of the cone that leaves a surface: curved surfaces widen it (section 3.4.4 there), and so do wide lobes, a
+    """Of the cone that leaves a surface: curved surfaces widen it (there too), and so do wide lobes, a
     direction of density `chance` standing for a solid angle of 1 / chance."""
     return spread + 2.0 * hit.detail[1] * width + LOBE * wp.sqrt(1.0 / chance)
 

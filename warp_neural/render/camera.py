@@ -24,7 +24,7 @@ class Camera:
     def data(self, width: int, height: int) -> CameraData:
         """For kernels; of a picture with square pixels."""
         require(is_finite(self.fov) and 0 < self.fov < 180, "fov", self.fov, "degrees, above 0 and below 180")
-        eye, target, up = (_vector(name, getattr(self, name)) for name in ("eye", "target", "up"))
+        eye, target, up = (vector(name, getattr(self, name)) for name in ("eye", "target", "up"))
         forward = target - eye
         right = np.cross(forward, up)
         if np.linalg.norm(right) < 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up) or not forward.any():
@@ -38,7 +38,8 @@ class Camera:
         return data
 
 
-def _vector(name: str, values: Vector) -> np.ndarray:
+def vector(name: str, values: Vector) -> np.ndarray:
+    """Three finite numbers, or an `InputError` that says so."""
     try:
         vector = np.array(values, np.float64)
     except (TypeError, ValueError):

@@ -42,7 +42,9 @@ def _parts(path: Path) -> list[tuple[Mesh, str]]:
     try:
         import trimesh
     except ImportError:
-        raise InputError(f"{path}: meshes are read by trimesh, which is not here; pip install 'warp-neural[meshes]'") from None
+        raise InputError(
+            f"{path}: meshes are read by trimesh, which is not here; pip install 'warp-neural[meshes]'"
+        ) from None
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: unknown suffix {path.suffix!r}; use one of {', '.join(SUFFIXES)}")
     parts = []

@@ -14,7 +14,7 @@ from warp_neural.config import Struct, check_device
 from warp_neural.errors import InputError, find_device
 from warp_neural.kernels.errors import LARGEST, LARGEST_SEED, is_finite, require, require_whole
 from warp_neural.kernels.render.path import LIGHT, MATERIAL, MIS, Film, View, make_path_kernel
-from warp_neural.render.camera import Camera
+from warp_neural.render.camera import Camera, Vector, vector
 from warp_neural.render.environment import Environment
 from warp_neural.render.materials import detail_of, functions_of
 from warp_neural.render.picture import Picture
@@ -46,7 +46,7 @@ class Renderer:
         size: tuple[int, int],
         *,
         depth: int = 8,
-        background: tuple[float, float, float] | None = None,
+        background: Vector | None = None,
         clamp: float | None = None,
         strategy: Strategy = "mis",
         seed: int = 0,
@@ -65,7 +65,7 @@ class Renderer:
         view.geometry, view.environment = scene.data(self.device), environment.data(self.device)
         view.camera, view.depth, view.strategy = camera.data(width, height), depth, int(STRATEGIES[strategy])
         view.plain = background is not None
-        view.background = wp.vec3(*(background or (0.0, 0.0, 0.0)))
+        view.background = wp.vec3(*vector("background", background or (0.0, 0.0, 0.0)))
         view.limit = np.inf if clamp is None else clamp
         view.detail = detail_of(materials)
         self.film = _film(height, width, self.device)
@@ -110,7 +110,7 @@ def render(
     samples: int = 64,
     seconds: float | None = None,
     depth: int = 8,
-    background: tuple[float, float, float] | None = None,
+    background: Vector | None = None,
     clamp: float | None = None,
     strategy: Strategy = "mis",
     seed: int = 0,
