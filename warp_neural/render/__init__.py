@@ -9,6 +9,7 @@ from warp_neural.render.picture import Picture
 from warp_neural.render.renderer import Renderer, render
 from warp_neural.render.scene import Scene
 from warp_neural.render.shapes import floor, knob, sphere
+from warp_neural.render.textured import Textured
 
 __all__ = [
     "Camera",
@@ -18,6 +19,7 @@ __all__ = [
     "Picture",
     "Renderer",
     "Scene",
+    "Textured",
     "combine",
     "floor",
     "knob",

@@ -13,8 +13,8 @@ from warp_neural.kernels.render.environment import EnvironmentData
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709
 STUDIO = (  # softboxes: towards where (x, y, z), half of width and height at distance 1, radiance
-    ((-0.75, 0.62, 0.55), (0.42, 0.32), (13.0, 12.4, 11.6)),
-    ((0.95, 0.25, 0.1), (0.2, 0.55), (4.2, 4.8, 5.6)),
+    ((-0.75, 0.62, 0.55), (0.42, 0.32), (8.0, 7.6, 7.1)),
+    ((0.95, 0.25, 0.1), (0.2, 0.55), (2.6, 3.0, 3.4)),
 )
 EDGE = 0.04  # of softboxes, where they fade
 
@@ -66,7 +66,7 @@ class Environment:
         x, y, z = np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)
         direction = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
         up = 0.5 + 0.5 * direction[..., 1:2]
-        image = (0.1 + 0.5 * up**2) * np.array([0.96, 1.0, 1.06])
+        image = (0.06 + 0.3 * up**2) * np.array([0.96, 1.0, 1.06])
         for towards, size, radiance in STUDIO:
             image += softbox(direction, np.array(towards), np.array(size))[..., None] * radiance
         return cls(image, rotation=rotation, scale=scale)

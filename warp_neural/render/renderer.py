@@ -61,6 +61,7 @@ class Renderer:
         self.device = find_device(device)
         _check_materials(scene, materials, self.device)
         self.kernel = make_path_kernel(functions_of(materials))
+        wp.load_module(self.kernel.module, device=self.device)  # compiling is not counted as rendering
         self.view = view = View()
         view.geometry, view.environment = scene.data(self.device), environment.data(self.device)
         view.camera, view.depth, view.strategy = camera.data(width, height), depth, int(STRATEGIES[strategy])

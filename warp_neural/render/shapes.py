@@ -87,7 +87,7 @@ def revolved(
     """Turned about the y axis, from its first point on the axis to its last. profile, normals: [rings, 2] of radius
     and height. v: [rings]."""
     rings, turn = len(profile), 2 * np.pi * np.arange(columns + 1) / columns
-    sine, cosine = np.sin(turn), np.cos(turn)
+    sine, cosine = -np.sin(turn), -np.cos(turn)  # the seam of the texture is behind, towards -z
     sine[-1], cosine[-1] = sine[0], cosine[0]
 
     def around(pairs: np.ndarray) -> np.ndarray:
