@@ -1,5 +1,7 @@
 """The path tracer against closed forms, furnaces and itself: by every strategy, seed and part the same light."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -240,8 +242,11 @@ def test_pictures_are_saved(device, tmp_path):
     film = load_image(tmp_path / "film.png", color_space="linear")
     np.testing.assert_allclose(film, picture.shown(), atol=0.5 / 255 + 1e-6)
     assert 0.9 < picture.shown()[..., 0].mean() < 1 and picture.shown()[..., 2].max() == 0
-    picture.save(tmp_path / "alpha.exr", alpha=True)
-    assert load_image(tmp_path / "alpha.exr").shape == (16, 24, 4)
+    half = replace(picture, alpha=np.full_like(picture.alpha, 0.5))
+    half.save(tmp_path / "alpha.exr", alpha=True)
+    saved = load_image(tmp_path / "alpha.exr")
+    np.testing.assert_allclose(saved[..., :3], 2 * picture.radiance, rtol=1e-6)
+    assert (saved[..., 3] == 0.5).all()
     picture.save_features(tmp_path)
     np.testing.assert_allclose(load_image(tmp_path / "normal.exr"), picture.normal, atol=1e-6)
 
@@ -253,10 +258,10 @@ def test_time_ends_a_picture(device):
 
 
 def test_hostile_materials_make_no_nan(device):
-    """A set that gives NaN and infinity: those samples are black and counted."""
+    """A set that gives NaN and infinity, directions among them: those samples are black and counted."""
 
     class Broken(Shown):
-        evaluate = broken_evaluate
+        evaluate, sample = broken_evaluate, broken_sample
 
     picture = render(
         ball_on_floor(), Broken([[0.5] * 3] * 2, device=device), lamps(), CLOSE, SIZE, samples=4, device=device
@@ -267,6 +272,12 @@ def test_hostile_materials_make_no_nan(device):
 @wp.func
 def broken_evaluate(p: Diffuse.Params, index: int, uv: wp.vec2, lod: float, light: wp.vec3, view: wp.vec3) -> wp.vec3:
     return wp.vec3(0.0 / (light[2] - light[2]), 1.0 / (light[2] - light[2]), 1.0)
+
+
+@wp.func
+def broken_sample(p: Diffuse.Params, index: int, uv: wp.vec2, lod: float, view: wp.vec3, u: wp.vec3) -> wp.vec3:
+    none = view[2] - view[2]
+    return wp.vec3(1.0 / none, wp.where(u[0] < 0.5, 0.0, 0.0 / none), 1.0)
 
 
 @pytest.mark.parametrize(

@@ -166,11 +166,11 @@ def make_path_kernel(materials: Functions) -> wp.Kernel:
 @wp.func
 def add(film: Film, i: int, j: int, seen: Sample):
     """One by one, in float64: the sums do not depend on how samples were parted into launches."""
-    if wp.isfinite(seen.radiance):
+    if wp.isfinite(seen.radiance) and wp.isfinite(seen.albedo):
         film.radiance[i, j] += wp.vec3d(seen.radiance)
+        film.albedo[i, j] += wp.vec3d(seen.albedo)
     else:
         film.dropped[i, j] += 1
-    film.albedo[i, j] += wp.vec3d(seen.albedo)
     film.normal[i, j] += wp.vec3d(seen.normal)
     film.hits[i, j] += wp.where(seen.hit, 1, 0)
 
@@ -211,7 +211,7 @@ def make_scatter(materials: Functions) -> wp.Function:
     def scatter(params: params_type, hit: Hit, lod: float, view: wp.vec3, u: wp.vec3):
         light = sample(params, hit.material, hit.uv, lod, view, u)
         factor, chance = wp.vec3(0.0), float(0.0)
-        if light[2] > 0.0:
+        if light[2] > 0.0 and wp.isfinite(light):
             chance = density(params, hit.material, hit.uv, lod, light, view)
         if chance > 0.0:
             factor = evaluate(params, hit.material, hit.uv, lod, light, view) / chance

@@ -38,30 +38,35 @@ class Picture:
         curve: "film", the course's (`kernels.shading.tonemap`: a fit of ACES, then gamma 1/2.2), which keeps bright
         light apart, or "srgb", which cuts it off at 1 (IEC 61966-2-1).
         """
-        require(is_finite(exposure) and abs(exposure) <= 60, "exposure", exposure, "a number of stops")
-        if curve not in ("film", "srgb"):
-            raise InputError(f"curve={curve!r}; choose 'film' or 'srgb'")
-        light = (self.radiance * 2.0**exposure).astype(np.float32)
-        if curve == "srgb":
-            return linear_to_srgb(np.clip(light, 0, 1))
-        radiance = wp.array(light, dtype=wp.vec3, device="cpu")
-        result = wp.empty_like(radiance)
-        wp.launch(display_kernel, radiance.shape, [radiance], [result], device="cpu", record_tape=False)
-        return result.numpy()
+        return _shown(self.radiance, curve, exposure)
 
     def save(self, path: Path | str, *, curve: Curve = "film", exposure: float = 0.0, alpha: bool = False) -> None:
-        """EXR and Radiance HDR: `radiance`, linear; PNG, JPEG and TIFF: `shown` in 8 bits. alpha: as a fourth channel.
+        """EXR and Radiance HDR: `radiance`, linear; PNG, JPEG and TIFF: `shown` in 8 bits.
 
-        Whole or not at all; raises `InputError` where it cannot be written.
+        alpha: as a fourth channel, of what was rendered before a `background` of (0, 0, 0). Whole or not at all; raises
+        `InputError` where it cannot be written.
         """
+        light = self.radiance
+        if alpha:  # files hold the surface's own light, not mixed with the background's
+            light = light / np.where(self.alpha > 0, self.alpha, 1)[..., None]
         linear = Path(path).suffix.lower() in (".exr", ".hdr")
-        image = self.radiance if linear else self.shown(curve=curve, exposure=exposure)
-        if alpha:
-            straight = image / np.maximum(self.alpha, 1e-6)[..., None] if linear else image
-            image = np.concatenate([straight, self.alpha[..., None]], axis=-1)
-        save_image(path, image, color_space="linear")
+        image = light if linear else _shown(light, curve, exposure)
+        save_image(path, np.dstack([image, self.alpha]) if alpha else image, color_space="linear")
 
     def save_features(self, folder: Path | str) -> None:
         """`albedo.exr` and `normal.exr`, as denoisers take them."""
         for name in ("albedo", "normal"):
             save_image(Path(folder) / f"{name}.exr", getattr(self, name))
+
+
+def _shown(light: np.ndarray, curve: Curve, exposure: float) -> np.ndarray:
+    require(is_finite(exposure) and abs(exposure) <= 60, "exposure", exposure, "a number of stops")
+    if curve not in ("film", "srgb"):
+        raise InputError(f"curve={curve!r}; choose 'film' or 'srgb'")
+    light = np.clip(light * 2.0**exposure, 0, 1e6).astype(np.float32)  # the film curve squares it
+    if curve == "srgb":
+        return linear_to_srgb(np.minimum(light, 1))
+    radiance = wp.array(light, dtype=wp.vec3, device="cpu")
+    result = wp.empty_like(radiance)
+    wp.launch(display_kernel, radiance.shape, [radiance], [result], device="cpu", record_tape=False)
+    return result.numpy()

@@ -82,9 +82,12 @@ class Renderer:
             inputs = [self.materials.params, self.view, self.seed, self.samples, samples, top, self.film]
             dim = min(rows, height - top), width
             commands.append(wp.launch(self.kernel, dim, inputs, device=self.device, record_cmd=True))
-        with ThreadPoolExecutor(1 if self.device.is_cuda else os.cpu_count()) as pool:
-            for done in [pool.submit(command.launch) for command in commands]:
-                done.result()
+        if len(commands) == 1:
+            commands[0].launch()
+        else:
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                for done in [pool.submit(command.launch) for command in commands]:
+                    done.result()
         wp.synchronize_device(self.device)
         self.samples += samples
         self.seconds += time.perf_counter() - began
