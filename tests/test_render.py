@@ -69,13 +69,23 @@ def test_a_lambert_plane_gives_the_closed_form(strategy, device):
 
 @pytest.mark.parametrize("columns", [12, 256])
 def test_a_white_ball_vanishes_in_a_furnace(columns, device):
-    """Also one of few triangles, whose rays would meet its own sides but for where they start: its edge was black."""
+    """At its edge too, where views meet normals of few triangles from behind."""
     white, light = Diffuse([[1, 1, 1]], device=device), Environment.constant((2, 1, 0.5))
     camera = Camera(eye=(0, 1, 6), target=(0, 1, 0), fov=25)
     picture = render(Scene([sphere(columns=columns)]), white, light, camera, (32, 32), samples=256, device=device)
     assert 0.3 < picture.alpha.mean() < 0.9
     np.testing.assert_allclose(picture.radiance.mean(axis=(0, 1)), [2, 1, 0.5], rtol=2e-3)
     assert (np.abs(picture.radiance / [2, 1, 0.5] - 1) < 0.1).all()  # deviations of a sample are 0.3 at most
+
+
+@pytest.mark.parametrize("columns", [12, 256])
+def test_a_ball_does_not_shadow_itself(columns, device):
+    """Light meets all of a convex surface once: its albedo is what comes back. Rays of a ball of few triangles would
+    meet its own sides, a dark rim of every triangle, but for where they start."""
+    grey, light = Diffuse([[0.5, 0.5, 0.5]], device=device), Environment.constant()
+    picture = render(Scene([sphere(columns=columns)]), grey, light, CLOSE, (32, 32), samples=256, device=device)
+    assert picture.radiance[picture.alpha == 1].mean() == pytest.approx(0.5, rel=2.5e-3)
+    assert picture.radiance[picture.alpha == 1].min() > 0.43  # deviations of a sample are 0.15
 
 
 def test_a_white_knob_nearly_vanishes(device):
