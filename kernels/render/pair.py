@@ -23,10 +23,6 @@ def make_pair(first: Functions, second: Functions) -> Functions:
     detail: what each set wants added to the level of detail.
     """
     first_type, second_type = first.params_type, second.params_type
-    evaluate_0, evaluate_1 = first.evaluate, second.evaluate
-    sample_0, sample_1 = first.sample, second.sample
-    density_0, density_1 = first.density, second.density
-    albedo_0, albedo_1 = first.albedo, second.albedo
 
     @wp.struct
     class PairParams:
@@ -35,28 +31,42 @@ def make_pair(first: Functions, second: Functions) -> Functions:
         split: int
         detail: wp.vec2
 
-    @wp.func
-    def evaluate(p: PairParams, index: int, uv: wp.vec2, lod: float, light: wp.vec3, view: wp.vec3) -> wp.vec3:
-        if index < p.split:
-            return evaluate_0(p.first, index, uv, lod + p.detail[0], light, view)
-        return evaluate_1(p.second, index - p.split, uv, lod + p.detail[1], light, view)
+    return Functions(
+        PairParams,
+        evaluate=make_choice_of_light(PairParams, first.evaluate, second.evaluate),
+        sample=make_choice_of_sample(PairParams, first.sample, second.sample),
+        density=make_choice_of_light(PairParams, first.density, second.density),
+        albedo=make_choice_of_albedo(PairParams, first.albedo, second.albedo),
+    )
+
+
+def make_choice_of_light(pair_type: Any, first: wp.Function, second: wp.Function) -> wp.Function:
+    """Of `evaluate` or `density`."""
 
     @wp.func
-    def sample(p: PairParams, index: int, uv: wp.vec2, lod: float, view: wp.vec3, u: wp.vec3) -> wp.vec3:
-        if index < p.split:
-            return sample_0(p.first, index, uv, lod + p.detail[0], view, u)
-        return sample_1(p.second, index - p.split, uv, lod + p.detail[1], view, u)
+    def chosen(params: pair_type, index: int, uv: wp.vec2, lod: float, light: wp.vec3, view: wp.vec3):
+        if index < params.split:
+            return first(params.first, index, uv, lod + params.detail[0], light, view)
+        return second(params.second, index - params.split, uv, lod + params.detail[1], light, view)
 
+    return chosen
+
+
+def make_choice_of_sample(pair_type: Any, first: wp.Function, second: wp.Function) -> wp.Function:
     @wp.func
-    def density(p: PairParams, index: int, uv: wp.vec2, lod: float, light: wp.vec3, view: wp.vec3) -> float:
-        if index < p.split:
-            return density_0(p.first, index, uv, lod + p.detail[0], light, view)
-        return density_1(p.second, index - p.split, uv, lod + p.detail[1], light, view)
+    def sample(params: pair_type, index: int, uv: wp.vec2, lod: float, view: wp.vec3, u: wp.vec3):
+        if index < params.split:
+            return first(params.first, index, uv, lod + params.detail[0], view, u)
+        return second(params.second, index - params.split, uv, lod + params.detail[1], view, u)
 
+    return sample
+
+
+def make_choice_of_albedo(pair_type: Any, first: wp.Function, second: wp.Function) -> wp.Function:
     @wp.func
-    def albedo(p: PairParams, index: int, uv: wp.vec2, lod: float, view: wp.vec3) -> wp.vec3:
-        if index < p.split:
-            return albedo_0(p.first, index, uv, lod + p.detail[0], view)
-        return albedo_1(p.second, index - p.split, uv, lod + p.detail[1], view)
+    def albedo(params: pair_type, index: int, uv: wp.vec2, lod: float, view: wp.vec3):
+        if index < params.split:
+            return first(params.first, index, uv, lod + params.detail[0], view)
+        return second(params.second, index - params.split, uv, lod + params.detail[1], view)
 
-    return Functions(PairParams, evaluate, sample, density, albedo)
+    return albedo

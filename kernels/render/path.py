@@ -108,8 +108,8 @@ def spread_after(hit: Hit, spread: float, width: float, chance: float) -> float:
 
 
 @cache
-def make_path_kernel(materials: Functions) -> wp.Kernel:
-    """dim [rows, width], from row `top` on: adds samples `first` to `first + count - 1` to the film."""
+def make_trace(materials: Functions) -> wp.Function:
+    """One path from the camera along `ray`; angle: of a pixel."""
     params_type, albedo = materials.params_type, materials.albedo
     direct, scatter = make_direct(materials), make_scatter(materials)
 
@@ -147,6 +147,14 @@ def make_path_kernel(materials: Functions) -> wp.Kernel:
             origin = hit.origin
             direction = from_frame(hit, local)
         return seen
+
+    return trace
+
+
+@cache
+def make_path_kernel(materials: Functions) -> wp.Kernel:
+    """dim [rows, width], from row `top` on: adds samples `first` to `first + count - 1` to the film."""
+    params_type, trace = materials.params_type, make_trace(materials)
 
     @wp.kernel(module="unique", enable_backward=False)
     def path_kernel(params: params_type, scene: View, seed: wp.uint64, first: int, count: int, top: int, film: Film):

@@ -133,6 +133,11 @@ def render(
     require(seconds is None or (is_finite(seconds) and seconds > 0), "seconds", seconds, "a number above 0, or None")
     options = {"depth": depth, "background": background, "clamp": clamp, "strategy": strategy, "seed": seed}
     renderer = Renderer(scene, materials, environment, camera, size, **options, device=device)
+    _run(renderer, samples, seconds, quiet)
+    return renderer.picture()
+
+
+def _run(renderer: Renderer, samples: int, seconds: float | None, quiet: bool) -> None:
     began, count = time.perf_counter(), 1
     with tqdm(total=samples, disable=True if quiet else None, file=sys.stderr, unit="sample") as bar:
         while renderer.samples < samples:
@@ -144,7 +149,6 @@ def render(
                 break
             aim = PASS_SECONDS if seconds is None else min(PASS_SECONDS, began + seconds - now)
             count = int(np.clip(count * aim / max(now - before, 1e-6), 1, min(2 * count, LARGEST_PASS)))
-    return renderer.picture()
 
 
 def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
