@@ -10,6 +10,8 @@ from render_scenes import CLOSE, SIZE, ball_on_floor, glossy_and_floor, lamps
 
 from warp_neural import InputError
 from warp_neural.imaging.image import load_image
+from warp_neural.kernels.render.geometry import Hit
+from warp_neural.kernels.render.path import spread_after
 from warp_neural.render import Camera, Diffuse, Environment, Mesh, Renderer, Scene, combine, floor, render, sphere
 
 
@@ -74,6 +76,22 @@ def test_materials_get_the_place_and_the_footprint(device):
         for each in (pair, finer)
     ]
     np.testing.assert_allclose(lods[1] - lods[0], 8, atol=1e-5)
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def cone_kernel(curvatures: wp.array[float], chances: wp.array[float], spreads: wp.array[float]):
+    i = wp.tid()
+    hit = Hit()
+    hit.detail = wp.vec2(0.0, curvatures[i])
+    spreads[i] = spread_after(hit, 0.01, 0.1, chances[i])
+
+
+def test_cones_widen_at_curved_and_rough_surfaces(device):
+    """A flat mirror leaves them, a convex one of curvature 2 adds twice 2 times the width, a Lambert surface much."""
+    curvatures, chances = ([0.0, 2.0, -2.0, 0.0], [1e12, 1e12, 1e12, 1 / np.pi])
+    arrays = [wp.array(values, dtype=float, device=device) for values in (curvatures, chances, [0.0] * 4)]
+    wp.launch(cone_kernel, 4, arrays, device=device)
+    np.testing.assert_allclose(arrays[2].numpy(), [0.01, 0.41, -0.39, 0.01 + 0.25 * np.sqrt(np.pi)], atol=1e-5)
 
 
 def test_three_sets_combine(device):
