@@ -98,9 +98,24 @@ def test_missing_attributes_are_made():
     given = sphere(columns=64)
     mesh = Mesh(given.positions, given.triangles, uvs=given.uvs)
     assert (mesh.normals * unit(mesh.positions - [0, 1, 0])).sum(axis=-1).min() > 0.999
+    assert len(mesh.positions) == len(np.unique(given.triangles))  # nothing is split
     bare = Mesh(given.positions, given.triangles)
     np.testing.assert_allclose((bare.tangents[:, :3] * bare.normals).sum(axis=-1), 0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(bare.tangents[:, :3], axis=-1), 1, atol=1e-12)
+
+
+def test_creases_stay_sharp():
+    """A cube of eight vertices, and the same with so many triangles at a corner that they are taken as smooth."""
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, -1).T
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))])
+    mesh = Mesh(corners, triangles)
+    assert len(mesh.positions) == 24
+    faces = unit(face_normals(mesh.positions, mesh.triangles))
+    np.testing.assert_allclose(mesh.normals[mesh.triangles], np.repeat(faces[:, None], 3, axis=1), atol=1e-12)
+    many = Mesh(corners, np.repeat(triangles, 1300, axis=0))
+    assert len(many.positions) == 8
+    np.testing.assert_allclose(many.normals, unit(many.positions - 0.5), atol=1e-12)
 
 
 def test_mirrored_textures_do_not_share_vertices():

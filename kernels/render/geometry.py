@@ -104,8 +104,7 @@ def intersect(geometry: Geometry, origin: wp.vec3, direction: wp.vec3) -> Hit:
         point = u * pa + v * pb + w * pc
         smooth = u * above(point, pa, na) + v * above(point, pb, nb) + w * above(point, pc, nc)
         tangent = u * geometry.tangents[a] + v * geometry.tangents[b] + w * geometry.tangents[c]
-        # with normals turned, y along v needs the other sign
-        tangent[3] = tangent[3] * side
+        tangent[3] = tangent[3] * side  # with the normal turned, y along v needs the other sign
         hit = framed(hit, bent(wp.normalize(u * na + v * nb + w * nc), -direction), tangent)
         hit.origin = smooth + ray.normal * (side * geometry.epsilon)
         hit.uv = u * geometry.uvs[a] + v * geometry.uvs[b] + w * geometry.uvs[c]

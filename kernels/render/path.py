@@ -102,8 +102,8 @@ def level(scene: View, hit: Hit, width: float, cosine: float) -> float:
 
 @wp.func
 def spread_after(hit: Hit, spread: float, width: float, chance: float) -> float:
-    """Of the cone that leaves a surface: curved surfaces widen it (there too), and so do wide lobes, a
-    direction of density `chance` standing for a solid angle of 1 / chance."""
+    """Of the cone that leaves a surface: curved ones widen it (there too), and so do wide lobes, a direction of density
+    `chance` standing for a solid angle of 1 / chance."""
     return spread + 2.0 * hit.detail[1] * width + LOBE * wp.sqrt(1.0 / chance)
 
 

@@ -1,6 +1,10 @@
 """What a mesh lacks and rays want: normals and tangents of vertices, details of triangles. Float64 inside."""
 
 import numpy as np
+from scipy.sparse import csr_array
+
+CREASE = np.cos(np.radians(40))  # of the angle between two triangles that are shaded as one surface
+MOST_PAIRS = 10**8  # of triangles that meet
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
@@ -15,21 +19,35 @@ def face_normals(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
-def smooth_normals(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit normals of vertices [n, 3]: of the triangles around, each by its angle there (Thürmer and Wüthrich 1998).
-
-    Vertices at one place share theirs, so that seams of textures are not seen.
+def smooth_normals(positions: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which vertices to take, [n'], their unit normals, [n', 3], and triangles of them: vertices where triangles meet
+    at a crease are split. A normal is that of the triangles around, each by its angle there (Thürmer and Wüthrich
+    1998), of all vertices at one place, so that seams of textures are not seen.
     """
     _, place = np.unique(positions, axis=0, return_inverse=True)
-    place, faces = place.reshape(-1), unit(face_normals(positions, triangles))
-    sums = np.zeros((place.max(initial=-1) + 1, 3))
-    for corner in range(3):
-        a, b, c = (positions[triangles[:, (corner + k) % 3]] for k in range(3))
-        cosine = (unit(b - a) * unit(c - a)).sum(axis=-1)
-        np.add.at(sums, place[triangles[:, corner]], faces * np.arccos(np.clip(cosine, -1, 1))[:, None])
-    normals = unit(sums)[place]
+    place, faces = place.reshape(-1)[triangles].reshape(-1), unit(face_normals(positions, triangles))
+    faces, angles = np.repeat(faces, 3, axis=0), corner_angles(positions, triangles).reshape(-1)
+    corners = np.arange(len(place))
+    meets = csr_array((np.ones(len(place)), (corners, place)), shape=(len(place), place.max() + 1))
+    if (meets.sum(axis=0) ** 2).sum() > MOST_PAIRS:  # all of them are smooth then
+        normals = (meets @ (meets.T @ (faces * angles[:, None]))).reshape(-1, 3)
+    else:
+        i, j = (meets @ meets.T).nonzero()
+        near = (faces[i] * faces[j]).sum(axis=-1) >= CREASE
+        shared = csr_array((angles[j[near]], (i[near], j[near])), shape=(len(place), len(place)))
+        normals = shared @ faces
+    normals = unit(normals)
     normals[~normals.any(axis=-1)] = 0, 1, 0
-    return normals
+    keys = np.column_stack([triangles.reshape(-1), np.rint(normals * 1e6)])
+    _, first, new = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return triangles.reshape(-1)[first], normals[first], new.reshape(-1, 3)
+
+
+def corner_angles(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Inside, in radians. [m, 3]"""
+    points = positions[triangles]
+    b, c = (unit(np.roll(points, -k, axis=1) - points) for k in (1, 2))
+    return np.arccos(np.clip((b * c).sum(axis=-1), -1, 1))
 
 
 def uv_determinants(uvs: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from warp_neural.errors import InputError
-from warp_neural.render.attributes import smooth_normals
 from warp_neural.render.mesh import Mesh
 
 SUFFIXES = ".glb", ".gltf", ".obj", ".ply"
@@ -17,7 +16,7 @@ def load_mesh(path: Path | str, *, material: int | None = None) -> Mesh:
     """All triangles of a file, in its own units and axes (glTF's are ours: metres, y up, z towards the viewer).
 
     material: of all of them; by default parts with the file's first material have 0, with the next 1, and so on. What
-    its materials look like is not read. Without normals they are made smooth. Raises `InputError` for a file that is
+    its materials look like is not read. Normals are made where one is missing. Raises `InputError` for a file that is
     missing, damaged or without triangles.
     """
     path = Path(path)
@@ -70,10 +69,10 @@ def _parts(path: Path) -> list[tuple[Mesh, str]]:
 
 def _mesh(part: Any) -> Mesh:
     positions, triangles = np.array(part.vertices, np.float64), np.array(part.faces, np.int64)
-    normals = smooth_normals(positions, triangles)
+    normals = None
     if "vertex_normals" in part._cache:  # the file's; those that trimesh makes show the seams of textures
-        given = np.array(part.vertex_normals, np.float64)
-        normals = np.where(np.linalg.norm(given, axis=-1, keepdims=True) > 0, given, normals)
+        normals = np.array(part.vertex_normals, np.float64)
+        normals = normals if normals.any(axis=-1).all() else None
     uvs = getattr(part.visual, "uv", None)
     if uvs is None or len(uvs) != len(positions):
         uvs = np.zeros((len(positions), 2))

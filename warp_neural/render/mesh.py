@@ -1,6 +1,6 @@
 """`Mesh`: triangles with what shading wants of them, on the host."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,8 +15,9 @@ MOST = 2**31 // 3 - 1  # triangles and vertices
 class Mesh:
     """Vertices `positions` [n, 3], `triangles` [m, 3], counter-clockwise as seen from outside. y is up.
 
-    normals [n, 3] (made smooth if None), uvs [n, 2] (zeros if None; v down the picture), tangents [n, 4]: along u, and
-    the sign s with s (normal x tangent) along v (made from uvs if None). materials: of all triangles, or [m].
+    normals [n, 3] (made if None, smooth but for creases above 40 degrees), uvs [n, 2] (zeros if None; v down the
+    picture), tangents [n, 4]: along u, and the sign s with s (normal x tangent) along v (made if None, and with
+    normals). materials: of all triangles, or [m].
     """
 
     positions: np.ndarray
@@ -24,17 +25,20 @@ class Mesh:
     normals: np.ndarray | None = None
     uvs: np.ndarray | None = None
     tangents: np.ndarray | None = None
-    materials: int | np.ndarray = field(default=0)
+    materials: int | np.ndarray = 0
 
     def __post_init__(self) -> None:
         positions = _floats("positions", self.positions, (3,), None)
         n = len(positions)
         triangles = _triangles(self.triangles, n)
         uvs = np.zeros((n, 2)) if self.uvs is None else _floats("uvs", self.uvs, (2,), n)
-        normals = self.normals
-        normals = smooth_normals(positions, triangles) if normals is None else _floats("normals", normals, (3,), n)
-        arrays = {"positions": positions, "normals": _directed(unit(normals)), "uvs": uvs}
-        if self.tangents is None:
+        if self.normals is None:
+            taken, normals, triangles = smooth_normals(positions, triangles)
+            positions, uvs = positions[taken], uvs[taken]
+        else:
+            normals = _directed(unit(_floats("normals", self.normals, (3,), n)))
+        arrays = {"positions": positions, "normals": normals, "uvs": uvs}
+        if self.tangents is None or self.normals is None:
             taken, triangles = split_mirrored(uvs, triangles)
             arrays = {name: array[taken] for name, array in arrays.items()}
             arrays["tangents"] = tangents_of(**arrays, triangles=triangles)
