@@ -64,10 +64,12 @@ class Glossy:
 
     def __init__(self, materials: list, device: wp.DeviceLike = None):
         rows = np.array(materials, np.float32)
-        self.count = len(rows)
         self.params = GlossyParams()
         self.params.albedos = wp.array(np.ascontiguousarray(rows[:, :3]), dtype=wp.vec3, device=device)
         self.params.settings = wp.array(np.ascontiguousarray(rows[:, 3:]), dtype=wp.vec3, device=device)
+
+    def __len__(self) -> int:
+        return len(self.params.albedos)
 
 
 class CosineGlossy(Glossy):

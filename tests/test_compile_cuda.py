@@ -27,7 +27,9 @@ from warp_neural.kernels.training.fused import make_gradient_kernel
 from warp_neural.kernels.training.mma.schedule import make_schedule
 from warp_neural.kernels.training.taped_update import make_update_kernel
 from warp_neural.kernels.training.update import make_fused_update_kernel
+from warp_neural.materials.default_material import default_material
 from warp_neural.render.materials import Diffuse, combine, functions_of
+from warp_neural.render.textured import Textured
 from warp_neural.samples.neural_texture.step_01_latent_texture import make_loss_kernel
 from warp_neural.samples.neural_texture.texture import Texture
 from warp_neural.samples.textured_scene.fetch import fetch_picture, vec7
@@ -75,8 +77,8 @@ def test_a_scene_compiles_for_hopper(tmp_path):
 
 def test_paths_compile_for_hopper(tmp_path):
     """Through two sets of materials, one of them two again."""
-    diffuse = Diffuse([[0.5, 0.5, 0.5]], device="cpu")
-    materials = combine(Glossy([[0.5, 0.5, 0.5, 0.3, 0, 0.5]], "cpu"), combine(diffuse, diffuse))
+    diffuse, textured = Diffuse([[0.5, 0.5, 0.5]], device="cpu"), Textured(default_material(8), device="cpu")
+    materials = combine(Glossy([[0.5, 0.5, 0.5, 0.3, 0, 0.5]], "cpu"), combine(diffuse, textured))
     kernel = make_path_kernel(functions_of(materials))
     (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0

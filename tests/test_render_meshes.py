@@ -192,9 +192,9 @@ def test_obj_and_ply_are_read(tmp_path):
     assert mesh.materials.tolist() == [0, 1]
     np.testing.assert_allclose(mesh.positions.max(axis=0), [2, 3, 0])
     np.testing.assert_allclose(mesh.normals, np.tile([0.0, 0, 1], (len(mesh.normals), 1)), atol=1e-6)
-    np.testing.assert_allclose(mesh.uvs[:, 1], 1 - mesh.positions[:, 1] / 3, atol=1e-6)  # down the picture
+    np.testing.assert_allclose(mesh.uvs[:, 1], mesh.positions[:, 1] / 3, atol=1e-6)  # up the picture
     np.testing.assert_allclose(mesh.uvs[:, 0], mesh.positions[:, 0] / 2, atol=1e-6)
-    assert (mesh.tangents[:, 3] == -1).all()
+    assert (mesh.tangents[:, 3] == 1).all()
     (tmp_path / "triangle.ply").write_text(PLY)
     assert load_mesh(tmp_path / "triangle.ply", material=4).materials.tolist() == [4]
 
@@ -204,7 +204,7 @@ def test_gltf_is_read_as_it_was_written(tmp_path):
     trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
     given = sphere(columns=16)
     normals = unit(given.normals + np.array([0.3, 0, 0]))
-    visual = trimesh.visual.TextureVisuals(uv=given.uvs * [1, -1] + [0, 1])
+    visual = trimesh.visual.TextureVisuals(uv=given.uvs)
     part = trimesh.Trimesh(given.positions, given.triangles, vertex_normals=normals, visual=visual, process=False)
     place = np.eye(4)
     place[:3, 3] = 1, 2, 3

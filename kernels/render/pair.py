@@ -18,10 +18,7 @@ class Functions(NamedTuple):
 
 @cache
 def make_pair(first: Functions, second: Functions) -> Functions:
-    """Materials below `split` are the first set's, the others, numbered from 0 again, the second's.
-
-    detail: what each set wants added to the level of detail.
-    """
+    """Materials below `split` are the first set's, the others, numbered from 0 again, the second's."""
     first_type, second_type = first.params_type, second.params_type
 
     @wp.struct
@@ -29,7 +26,6 @@ def make_pair(first: Functions, second: Functions) -> Functions:
         first: first_type
         second: second_type
         split: int
-        detail: wp.vec2
 
     return Functions(
         PairParams,
@@ -46,8 +42,8 @@ def make_choice_of_light(pair_type: Any, first: wp.Function, second: wp.Function
     @wp.func
     def chosen(params: pair_type, index: int, uv: wp.vec2, lod: float, light: wp.vec3, view: wp.vec3):
         if index < params.split:
-            return first(params.first, index, uv, lod + params.detail[0], light, view)
-        return second(params.second, index - params.split, uv, lod + params.detail[1], light, view)
+            return first(params.first, index, uv, lod, light, view)
+        return second(params.second, index - params.split, uv, lod, light, view)
 
     return chosen
 
@@ -56,8 +52,8 @@ def make_choice_of_sample(pair_type: Any, first: wp.Function, second: wp.Functio
     @wp.func
     def sample(params: pair_type, index: int, uv: wp.vec2, lod: float, view: wp.vec3, u: wp.vec3):
         if index < params.split:
-            return first(params.first, index, uv, lod + params.detail[0], view, u)
-        return second(params.second, index - params.split, uv, lod + params.detail[1], view, u)
+            return first(params.first, index, uv, lod, view, u)
+        return second(params.second, index - params.split, uv, lod, view, u)
 
     return sample
 
@@ -66,7 +62,7 @@ def make_choice_of_albedo(pair_type: Any, first: wp.Function, second: wp.Functio
     @wp.func
     def albedo(params: pair_type, index: int, uv: wp.vec2, lod: float, view: wp.vec3):
         if index < params.split:
-            return first(params.first, index, uv, lod + params.detail[0], view)
-        return second(params.second, index - params.split, uv, lod + params.detail[1], view)
+            return first(params.first, index, uv, lod, view)
+        return second(params.second, index - params.split, uv, lod, view)
 
     return albedo

@@ -34,7 +34,7 @@ class View:
     """A scene, its light and camera. background: what the camera sees of the environment if `plain`.
 
     depth: surfaces of a path at most. strategy: MIS, LIGHT or MATERIAL. limit: of what one sample of one surface adds,
-    in each channel. detail: added to levels of detail, the log2 of a texture's texels a side.
+    in each channel. detail: of each material what is added to levels of detail, the log2 of its texels a side.
     """
 
     geometry: Geometry
@@ -45,7 +45,7 @@ class View:
     depth: int
     strategy: int
     limit: float
-    detail: float
+    detail: wp.array[float]
 
 
 @wp.struct
@@ -97,7 +97,7 @@ def missed(scene: View, direction: wp.vec3, chance: float) -> wp.vec3:
 @wp.func
 def level(scene: View, hit: Hit, width: float, cosine: float) -> float:
     """Of detail: the log2 of a cone's width on the surface, in texels (Akenine-Möller et al. 2019, section 20.3.4)."""
-    return hit.detail[0] + wp.log2(wp.max(width, 1.0e-20) / cosine) + scene.detail
+    return hit.detail[0] + wp.log2(wp.max(width, 1.0e-20) / cosine) + scene.detail[hit.material]
 
 
 @wp.func

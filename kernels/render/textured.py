@@ -36,7 +36,8 @@ class Surface:
 def read_level(params: TexturedParams, level: int, uv: wp.vec2) -> vec8:
     """Bilinear; repeats."""
     height, width = params.sizes[level][0], params.sizes[level][1]
-    x, y = (uv[0] - wp.floor(uv[0])) * float(width) - 0.5, (uv[1] - wp.floor(uv[1])) * float(height) - 0.5
+    x = (uv[0] - wp.floor(uv[0])) * float(width) - 0.5
+    y = (1.0 - uv[1] + wp.floor(uv[1])) * float(height) - 0.5  # rows go down, v goes up
     left, top = wp.floor(x), wp.floor(y)
     fx, fy = x - left, y - top
     j, i = (int(left) + width) % width, (int(top) + height) % height
@@ -50,7 +51,7 @@ def read_level(params: TexturedParams, level: int, uv: wp.vec2) -> vec8:
 
 @wp.func
 def surface_at(params: TexturedParams, uv: wp.vec2, lod: float, view: wp.vec3) -> Surface:
-    """Trilinear. The frame's y goes down the picture, and normals are bent until the viewer sees them."""
+    """Trilinear. Normals are bent until the viewer sees them."""
     level = wp.clamp(lod, 0.0, float(params.sizes.shape[0] - 1))
     fine = int(level)
     coarse = wp.min(fine + 1, params.sizes.shape[0] - 1)
@@ -58,7 +59,7 @@ def surface_at(params: TexturedParams, uv: wp.vec2, lod: float, view: wp.vec3) -
     texel = read_level(params, fine, uv) * (1.0 - share) + read_level(params, coarse, uv) * share
     surface = Surface()
     surface.albedo = wp.vec3(texel[0], texel[1], texel[2])
-    surface.normal = bent(wp.normalize(wp.vec3(texel[3], -texel[4], texel[5])), view)
+    surface.normal = bent(wp.normalize(wp.vec3(texel[3], texel[4], texel[5])), view)
     surface.roughness = texel[6]
     surface.metalness = texel[7]
     return surface

@@ -76,8 +76,7 @@ def _mesh(part: Any) -> Mesh:
     uvs = getattr(part.visual, "uv", None)
     if uvs is None or len(uvs) != len(positions):
         uvs = np.zeros((len(positions), 2))
-    uvs = np.array(uvs, np.float64)[:, :2] * [1, -1] + [0, 1]  # trimesh counts v up the picture
-    return Mesh(positions, triangles, normals, uvs)
+    return Mesh(positions, triangles, normals, np.array(uvs, np.float64)[:, :2])  # trimesh's v goes up, as ours
 
 
 def _material_name(part: Any) -> str:

@@ -9,8 +9,9 @@ call for its material number `index`, with different ones beside it:
     albedo(params, index, uv, lod, view) -> vec3              # the share that is reflected
 
 Colours are linear RGB. Directions are unit vectors away from the surface in the tangent frame: x along dP/du, y along
-dP/dv, z the smooth normal; views have z > 0. u: uniform in [0, 1)^3. lod: the log2 of the ray's footprint in texels of
-a texture with `texels` a side, an attribute of the set, 1 if it has none (then in sides of the texture).
+dP/dv (v goes up the picture), z the smooth normal; views have z > 0. u: uniform in [0, 1)^3. lod: the log2 of the ray's
+footprint in texels, of which the material's texture has `texels` a side: an attribute of the set, a number or one for
+each material, the last one for all after it, 1 if there is none. A set may have a length, its number of materials.
 """
 
 import numpy as np
@@ -44,9 +45,11 @@ class Diffuse:
             colors = np.empty(0)
         if colors.ndim != 2 or colors.shape[1] != 3 or not len(colors) or not ((0 <= colors) & (colors <= 1)).all():
             raise InputError(f"albedos of shape {colors.shape}: expected [n, 3] in [0, 1]")
-        self.count = len(colors)
         self.params = DiffuseParams()
         self.params.albedos = wp.array(colors, dtype=wp.vec3, device=find_device(device))
+
+    def __len__(self) -> int:
+        return len(self.params.albedos)
 
 
 class Combined:
@@ -57,20 +60,21 @@ class Combined:
         self.Params, self.evaluate, self.sample, self.density, self.albedo = functions
         self.params = self.Params()
         self.params.first, self.params.second, self.params.split = first.params, second.params, split
-        self.params.detail = wp.vec2(detail_of(first), detail_of(second))
-        count = getattr(second, "count", None)
-        if count is not None:
-            self.count = split + count
+        self.texels = [*texels_of(first, split), *texels_of(second)]
+        self.second = second
+
+    def __len__(self) -> int:
+        return self.params.split + count_of(self.second)
 
 
 def combine(first: object, second: object, split: int | None = None) -> Combined:
     """A set of the materials of two: numbers below `split` are the first's, from there on the second's.
 
-    split: the first set's `count` if it has one. Two sets may be combined again.
+    split: the first set's length if it has one. Two sets may be combined again.
     """
-    split = getattr(first, "count", None) if split is None else split
-    if split is None:
-        raise InputError("split: the first set has no `count`; say how many materials it has")
+    split = count_of(first) if split is None else split
+    if not split:
+        raise InputError("split: the first set has no length; say how many materials it has")
     require_whole("split", split)
     return Combined(first, second, split)
 
@@ -82,7 +86,17 @@ def functions_of(materials: object) -> Functions:
     return Functions(materials.Params, materials.evaluate, materials.sample, materials.density, materials.albedo)
 
 
-def detail_of(materials: object) -> float:
+def count_of(materials: object) -> int | None:
+    """How many there are; None if the set does not say."""
+    try:
+        return len(materials)
+    except TypeError:
+        return None
+
+
+def texels_of(materials: object, count: int | None = None) -> list[float]:
+    """Of the first `count` materials, or of as many as the set tells of."""
     texels = getattr(materials, "texels", 1)
-    require(is_finite(texels) and texels > 0, "texels", texels, "a number above 0")
-    return float(np.log2(texels))
+    texels = list(texels) if np.ndim(texels) else [texels]
+    require(bool(texels) and all(is_finite(n) and n > 0 for n in texels), "texels", texels, "numbers above 0")
+    return texels if count is None else (texels + texels[-1:] * count)[:count]

@@ -15,7 +15,7 @@ MOST = 2**31 // 3 - 1  # triangles and vertices
 class Mesh:
     """Vertices `positions` [n, 3], `triangles` [m, 3], counter-clockwise as seen from outside. y is up.
 
-    normals [n, 3] (made if None, smooth but for creases above 40 degrees), uvs [n, 2] (zeros if None; v down the
+    normals [n, 3] (made if None, smooth but for creases above 40 degrees), uvs [n, 2] (zeros if None; v up the
     picture), tangents [n, 4]: along u, and the sign s with s (normal x tangent) along v (made if None, and with
     normals). materials: of all triangles, or [m].
     """

@@ -16,7 +16,7 @@ from warp_neural.kernels.errors import LARGEST, LARGEST_SEED, is_finite, require
 from warp_neural.kernels.render.path import LIGHT, MATERIAL, MIS, Film, View, make_path_kernel
 from warp_neural.render.camera import Camera, Vector, vector
 from warp_neural.render.environment import Environment
-from warp_neural.render.materials import detail_of, functions_of
+from warp_neural.render.materials import count_of, functions_of, texels_of
 from warp_neural.render.picture import Picture
 from warp_neural.render.scene import Scene
 
@@ -68,7 +68,8 @@ class Renderer:
         view.plain = background is not None
         view.background = wp.vec3(*vector("background", background or (0.0, 0.0, 0.0)))
         view.limit = np.inf if clamp is None else clamp
-        view.detail = detail_of(materials)
+        detail = np.log2(texels_of(materials, scene.material_count))
+        view.detail = wp.array(detail, dtype=float, device=self.device)
         self.film = _film(height, width, self.device)
 
     def add(self, samples: int) -> None:
@@ -163,7 +164,7 @@ def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _check_materials(scene: Scene, materials: Any, device: wp.Device) -> None:
-    count = getattr(materials, "count", None)
+    count = count_of(materials)
     if count is not None and scene.material_count > count:
         raise InputError(f"materials: {count} of them, and the scene has one of number {scene.material_count - 1}")
     functions_of(materials)

@@ -17,23 +17,25 @@ RIM = ((1.0, 0.21), (1.0, 0.12), (1.0, 0.05), (0.97, 0.0), (0.9, 0.0), (0.6, 0.0
 
 
 def sphere(radius: float = 1.0, *, material: int = 0, columns: int = COLUMNS, repeat: float = 2.0) -> Mesh:
-    """It stands on the floor. u goes `repeat` times around, to the right as seen from outside, v half as often down."""
+    """It stands on the floor. u goes `repeat` times around, to the right as seen from outside, v half as often up."""
     require_whole("columns", columns, 4, 4096)
     fall = np.linspace(0, np.pi, columns // 2 + 1)
     sine, cosine = np.sin(fall), np.cos(fall)
     sine[-1] = 0
     profile = radius * np.column_stack([sine, 1 + cosine])
-    return revolved(profile, np.column_stack([sine, cosine]), 0.5 * repeat * fall / np.pi, columns, repeat, material)
+    return revolved(
+        profile, np.column_stack([sine, cosine]), 0.5 * repeat * (1 - fall / np.pi), columns, repeat, material
+    )
 
 
 def floor(size: float = 20.0, *, material: int = 0, repeat: float = 10.0) -> Mesh:
-    """A square with sides of `size`, about the origin; the texture repeats `repeat` times, u along +x, v along +z."""
+    """A square with sides of `size`, about the origin; the texture repeats `repeat` times, u along +x, v along -z."""
     x, z = np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]]).T
     return Mesh(
         positions=size * np.column_stack([x, 0 * x, z]),
         triangles=np.array([[0, 1, 2], [0, 2, 3]]),
         normals=np.tile([0.0, 1.0, 0.0], (4, 1)),
-        uvs=repeat * np.column_stack([x + 0.5, z + 0.5]),
+        uvs=repeat * np.column_stack([x + 0.5, 0.5 - z]),
         materials=material,
     )
 
@@ -41,7 +43,7 @@ def floor(size: float = 20.0, *, material: int = 0, repeat: float = 10.0) -> Mes
 def knob(*, material: int = 0, columns: int = COLUMNS, repeat: float = 3.0) -> Mesh:
     """A ball with a groove on a foot, 2.5 high and 2 wide: bulges and hollows, gentle and tight. One smooth surface.
 
-    u goes `repeat` times around, to the right as seen from outside; v down with the same length at the equator.
+    u goes `repeat` times around, to the right as seen from outside; v up with the same length at the equator.
     """
     require_whole("columns", columns, 4, 4096)
     points, slopes = along(knob_outline())
@@ -52,7 +54,7 @@ def knob(*, material: int = 0, columns: int = COLUMNS, repeat: float = 3.0) -> M
     chosen[-1] = len(points) - 1
     slopes = slopes[chosen] / np.linalg.norm(slopes[chosen], axis=1, keepdims=True)
     normals = np.column_stack([-slopes[:, 1], slopes[:, 0]])
-    return revolved(points[chosen], normals, repeat / (2 * np.pi) * length[chosen], columns, repeat, material)
+    return revolved(points[chosen], normals, -repeat / (2 * np.pi) * length[chosen], columns, repeat, material)
 
 
 def knob_outline() -> np.ndarray:
@@ -95,7 +97,7 @@ def revolved(
         return np.stack([r * sine, y, r * cosine], axis=-1).reshape(-1, 3)
 
     u, v = np.broadcast_arrays(repeat * np.arange(columns + 1) / columns, v[:, None])
-    flat = np.stack([cosine, 0 * cosine, -sine, np.full(columns + 1, -1.0)], axis=-1)
+    flat = np.stack([cosine, 0 * cosine, -sine, np.ones(columns + 1)], axis=-1)
     first = (np.arange(rings - 1)[:, None] * (columns + 1) + np.arange(columns)).reshape(-1)
     below = first + columns + 1
     upper, lower = np.column_stack([first, below, first + 1]), np.column_stack([first + 1, below, below + 1])

@@ -25,7 +25,6 @@ class Textured:
     Params = TexturedParams
     evaluate, sample = staticmethod(textured_evaluate), staticmethod(textured_sample)
     density, albedo = staticmethod(textured_density), staticmethod(textured_albedo)
-    count = 1
 
     def __init__(self, material: Material, *, device: wp.DeviceLike = None):
         levels = mip_levels(material)
@@ -37,6 +36,9 @@ class Textured:
         self.params.texels = wp.array(rows, dtype=vec8, device=device)
         self.params.first = wp.array(np.cumsum([0, *sizes.prod(axis=1)])[:-1], dtype=int, device=device)
         self.params.sizes = wp.array(sizes, dtype=wp.vec2i, device=device)
+
+    def __len__(self) -> int:
+        return 1
 
 
 def mip_levels(material: Material) -> list[np.ndarray]:
