@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from render_materials import Shown
+from render_materials import Glossy, Shown
 from render_scenes import CLOSE, SIZE, ball_on_floor, glossy_and_floor, lamps
 
 from warp_neural import InputError
@@ -185,6 +185,12 @@ def broken_sample(p: Diffuse.Params, index: int, uv: wp.vec2, lod: float, view: 
     return wp.vec3(1.0 / none, wp.where(u[0] < 0.5, 0.0, 0.0 / none), 1.0)
 
 
+class Mistaken(Diffuse):
+    """Its functions take other parameters than it has."""
+
+    Params = Glossy.Params
+
+
 @pytest.mark.parametrize(
     "options, message",
     [
@@ -198,6 +204,7 @@ def broken_sample(p: Diffuse.Params, index: int, uv: wp.vec2, lod: float, view: 
         ({"size": 5}, "size"),
         ({"size": (60000, 60000)}, "pixels"),
         ({"device": "cuda:99"}, "device"),
+        ({"materials": Mistaken([[0.5] * 3] * 2, device="cpu")}, "no instance of Params"),
         ({"materials": object()}, "has no params, Params, evaluate"),
         ({"camera": Camera(eye=(0, 0, 0), target=(0, 1, 0))}, "along up"),
         ({"camera": Camera(eye=(0, np.nan, 0))}, "eye"),
