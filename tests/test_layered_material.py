@@ -67,7 +67,7 @@ FURNACES = {
     "all": {"metalness": 0.4, "coat": 0.7, "dust": 0.3, "fingerprints": 0.5, "anisotropy": 0.6},
 }
 ROUGHNESSES = (0.15, 0.4, 0.7, 1.0)
-COSINES = (1.0, 0.6, 0.2, 0.05)
+COSINES = (1.0, 0.6, 0.2, 0.05, 0.01)
 
 
 def integrals(materials, views, count=4096):

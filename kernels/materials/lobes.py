@@ -4,7 +4,7 @@ Layers are joined by albedo scaling: what a layer does not reflect towards the v
 below (Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks", in the form of OpenPBR 1.1, "Albedo
 scaling", which looks at the view alone: so a stack as a whole is not reciprocal, and conserves energy exactly where E
 is exact). Facets' bounces among themselves come back with the colour of one bounce (Turquin 2019, "Practical Multiple
-Scattering Compensation for Microfacet Models", eq. 16): f (1 + f0 (1 - E) / E).
+Scattering Compensation for Microfacet Models"): f (1 + f0 (1 - E) / E).
 """
 
 from functools import cache
