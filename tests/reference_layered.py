@@ -65,9 +65,9 @@ def mirrors_energy(view, alpha, side=1024):
     return energy, (value * (1 - np.clip(vh, 0, 1)) ** 5).mean() / energy
 
 
-def root_axis(alpha):
-    least = np.sqrt(MIN_ALPHA)
-    return (np.sqrt(alpha) - least) / (1 - least)
+def alpha_axis(alpha):
+    least = MIN_ALPHA**0.25
+    return (alpha**0.25 - least) / (1 - least)
 
 
 def interpolated(table, *axes):
@@ -79,12 +79,12 @@ def energy(tables, view, alpha, long):
     """(E, q) from the device's tables `(round energy, round share, long energy, long share)`."""
     c = np.clip(view[..., 2], 1e-4, 1)
     if not long:
-        a, rest = alpha[..., 0], [root_axis(alpha[..., 0])]
+        a, rest = alpha[..., 0], [alpha_axis(alpha[..., 0])]
     else:
         phi = np.arctan2(view[..., 1], view[..., 0])
         x, y = (alpha[..., 0] * np.cos(phi), alpha[..., 0] * np.sin(phi)), alpha[..., 1]
         a, b = np.hypot(x[0], y * np.sin(phi)), np.hypot(x[1], y * np.cos(phi))
-        rest = [root_axis(a), root_axis(b), alpha[..., 0] * alpha[..., 1] / (a * b)]
+        rest = [alpha_axis(a), alpha_axis(b), alpha[..., 0] * alpha[..., 1] / (a * b)]
     return (
         interpolated(tables[2 * long], c * (1 + a) / (c + a), *rest),
         interpolated(tables[2 * long + 1], np.sqrt(c), *rest),
