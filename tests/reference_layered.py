@@ -143,14 +143,26 @@ def facets(inputs, prefix, angle, anisotropy, tables, light, view, long):
     return safe, v, above[:, None], alpha, e, np.stack([e, e * q], axis=-1)
 
 
-def evaluate(inputs, tables, light, view, long=True):
-    """f cos `[n, 3]`, and the density of samples `[n]`."""
+def eon_albedo(color, roughness, cosine):
+    single = eon_single(cosine, roughness)[:, None]
+    mean = (1 + (2 / 3 - 28 / (15 * np.pi)) * roughness) / (1 + (0.5 - 2 / (3 * np.pi)) * roughness)
+    tint = color**2 * mean[:, None] / (1 - color * (1 - mean[:, None]))
+    return color * single + tint * (1 - single)
+
+
+def with_fingerprints(inputs):
+    """In float64, with the roughnesses that fingerprints leave."""
     i = {name: np.asarray(value, float) for name, value in inputs.items()}
-    one = np.ones((len(light), 3))
-    angle = 0.5 * np.arctan2(i["tangent"][:, 1], i["tangent"][:, 0])
     rough = i["roughness"] + (i["fingerprint_roughness"] - i["roughness"]) * i["fingerprints"] * (1 - i["coat"])
     coat_rough = i["coat_roughness"] + (i["fingerprint_roughness"] - i["coat_roughness"]) * i["fingerprints"]
-    i = {**i, "roughness": rough, "coat_roughness": coat_rough}
+    return {**i, "roughness": rough, "coat_roughness": coat_rough}
+
+
+def evaluate(inputs, tables, light, view, long=True):
+    """f cos `[n, 3]`, the density of samples `[n]`, and the directional albedo `[n, 3]`."""
+    i = with_fingerprints(inputs)
+    one = np.ones((len(light), 3))
+    angle = 0.5 * np.arctan2(i["tangent"][:, 1], i["tangent"][:, 0])
     anisotropy = i["anisotropy"][:, 0] * np.minimum(np.linalg.norm(i["tangent"], axis=-1), 1)
     zero = np.zeros(len(light))
     cl, cv, c_above, c_alpha, c_e, c_whole = facets(i, "coat_", zero, zero, tables, light, view, False)
@@ -186,10 +198,3 @@ def evaluate(inputs, tables, light, view, long=True):
     density = chances[0] * visible_density(cl, cv, c_alpha) * c_above[:, 0] + chances[3] * light[:, 2] / np.pi
     density += (chances[1] * visible_density(bl, bv, b_alpha) + chances[2] * bl[:, 2] / np.pi) * b_above[:, 0]
     return value, density, albedos.sum(axis=0)
-
-
-def eon_albedo(color, roughness, cosine):
-    single = eon_single(cosine, roughness)[:, None]
-    mean = (1 + (2 / 3 - 28 / (15 * np.pi)) * roughness) / (1 + (0.5 - 2 / (3 * np.pi)) * roughness)
-    tint = color**2 * mean[:, None] / (1 - color * (1 - mean[:, None]))
-    return color * single + tint * (1 - single)

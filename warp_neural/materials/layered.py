@@ -9,7 +9,7 @@ import warp as wp
 from warp_neural.errors import InputError
 from warp_neural.kernels.errors import LARGEST, require
 from warp_neural.kernels.materials.layered import make_layered
-from warp_neural.kernels.materials.spec import INPUTS, LAYERS, LayeredSpec
+from warp_neural.kernels.materials.spec import INPUTS, LAYERS, LayeredSpec, inputs_of
 from warp_neural.kernels.materials.textures import LayeredParams
 from warp_neural.materials.energy import energy_tables
 from warp_neural.materials.material import Material
@@ -124,7 +124,7 @@ def _checked(material: str, name: str, value: InputValue) -> np.ndarray:
 def _common_spec(materials: tuple[LayeredMaterial, ...]) -> LayeredSpec:
     """Of which each material is a case."""
     layers = {layer: any(m.layers[layer] for m in materials) for layer in LAYERS}
-    unused = {share for layer, share in LAYERS.items() if not layers[layer]}
+    unused = {name for layer in LAYERS if not layers[layer] for name in inputs_of(layer)}
     maps = tuple(name for name in INPUTS if name not in unused and any(name in m.maps for m in materials))
     return LayeredSpec(maps, **layers)
 
