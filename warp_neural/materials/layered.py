@@ -7,8 +7,9 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
+from warp_neural.kernels.errors import LARGEST, require
 from warp_neural.kernels.materials.layered import make_layered
-from warp_neural.kernels.materials.spec import INPUTS, LAYERS, LayeredSpec
+from warp_neural.kernels.materials.spec import INPUTS, LAYERS, LayeredSpec, inputs_of
 from warp_neural.kernels.materials.textures import LayeredParams
 from warp_neural.materials.energy import energy_tables
 from warp_neural.materials.material import Material
@@ -123,7 +124,7 @@ def _checked(material: str, name: str, value: InputValue) -> np.ndarray:
 def _common_spec(materials: tuple[LayeredMaterial, ...]) -> LayeredSpec:
     """Of which each material is a case."""
     layers = {layer: any(m.layers[layer] for m in materials) for layer in LAYERS}
-    unused = {share for layer, share in LAYERS.items() if not layers[layer]}
+    unused = {name for layer in LAYERS if not layers[layer] for name in inputs_of(layer)}
     maps = tuple(name for name in INPUTS if name not in unused and any(name in m.maps for m in materials))
     return LayeredSpec(maps, **layers)
 
@@ -137,13 +138,15 @@ def _mean(value: np.ndarray) -> np.ndarray:
 
 
 def _finer(pyramids: list[Pyramid]) -> np.ndarray:
-    """Levels that each map is smaller than the largest, by its longer side, of those with more than one texel."""
+    """How many levels smaller than the largest each map is, by its longer side."""
     sides = np.array([max(p[0].shape[:2]) for p in pyramids], np.float32)
     return np.log2(sides.max(initial=1.0) / sides)
 
 
 def _packed(pyramids: list[Pyramid]) -> tuple[np.ndarray, np.ndarray]:
     """`levels` and `texels` of `LayeredParams`."""
+    size = sum(image.size for images in pyramids for image in images)
+    require(size < LARGEST, "materials", size, f"fewer than {LARGEST} numbers in all maps; make them smaller")
     count = max(map(len, pyramids), default=1)
     levels, start = np.ones((max(len(pyramids), 1), count, 3), np.int32), 0
     for row, images in enumerate(pyramids):
