@@ -12,7 +12,7 @@ from warp_neural.errors import InputError
 from warp_neural.io.files import check_target
 
 FLOOR = 0.35, 0.35, 0.36
-DEFAULT = "default"
+DEFAULT, DELUXE = "default", "deluxe"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class Render(Options):
     """Render a material in an environment by path tracing, and say how many samples there were."""
 
     material: tyro.conf.Positional[Path]
-    """folder of maps, or default"""
+    """folder of maps, document of MaterialX (.mtlx), default or deluxe"""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """picture to write: .png, .jpg, .tif (after the film curve) or .exr, .hdr (linear radiance)"""
     scene: str = "knob"
@@ -50,7 +50,6 @@ class Render(Options):
 
     def main(self) -> dict:
         from warp_neural import render  # reads much that the other commands do without
-        from warp_neural.render.textured import Textured
 
         device, size = resolve_device(self.device), sides_of("--size", self.size)
         if size == "largest":
@@ -59,7 +58,7 @@ class Render(Options):
         light = {"rotation": self.rotation}
         environment = render.Environment.load(self.light, **light) if self.light else render.Environment.studio(**light)
         scene, camera = self._scene()
-        materials = render.combine(Textured(self._material(), device=device), render.Diffuse([FLOOR], device=device))
+        materials = render.combine(self._material(device), render.Diffuse([FLOOR], device=device))
         options = {"samples": self.samples, "seconds": self.time, "seed": self.seed, "quiet": self.json}
         picture = render.render(scene, materials, environment, camera, size, **options, device=device)
         picture.save(self.out, exposure=self.exposure)
@@ -74,11 +73,21 @@ class Render(Options):
             "dropped": picture.dropped,
         }
 
-    def _material(self) -> Any:
+    def _material(self, device: Any) -> Any:
+        """A set of one."""
         from warp_neural.materials.default_material import default_material
+        from warp_neural.materials.deluxe import deluxe_material
+        from warp_neural.materials.layered import LayeredSet
         from warp_neural.materials.material import load_material
+        from warp_neural.materials.materialx import load_materialx
+        from warp_neural.render import Textured
 
-        return default_material() if str(self.material) == DEFAULT else load_material(self.material)
+        if str(self.material) == DELUXE:
+            return LayeredSet(deluxe_material(), device=device)
+        if self.material.suffix == ".mtlx":
+            return LayeredSet(load_materialx(self.material), device=device)
+        maps = default_material() if str(self.material) == DEFAULT else load_material(self.material)
+        return Textured(maps, device=device)
 
     def _scene(self) -> tuple[Any, Any]:
         """What is to be seen stands on a floor, about as large as the knob."""

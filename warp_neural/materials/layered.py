@@ -58,7 +58,8 @@ class LayeredSet:
         materials = LayeredSet(deluxe_material(), from_material(load_material("Leather034C")))
         materials.evaluate(params, index, uv, lod, light, view)   # in kernels; params: materials.Params
 
-    The functions are `LayeredFunctions`; `params` goes to launches. One code serves all: what is a map in one material
+    The functions are `LayeredFunctions`; `params` goes to launches; `texels` are the sides that levels of detail count
+    from, of each material's largest map. One code serves all: what is a map in one material
     is one of a single texel in the others. Maps of constant zeros for a layer's share leave the layer out.
     """
 
@@ -73,6 +74,7 @@ class LayeredSet:
         functions = make_layered(self.spec)
         self.evaluate, self.sample, self.density = functions.evaluate, functions.sample, functions.density
         self.albedo, self.parameters = functions.albedo, functions.parameters
+        self.texels = [max([1, *(max(m.value(name).shape[:2]) for name in m.maps)]) for m in materials]
         self.params = self._make_params()
 
     def __len__(self) -> int:
