@@ -134,6 +134,26 @@ def test_the_command_renders_a_folder(capfd, tmp_path):
     assert load_image(tmp_path / "c.png").shape == (16, 24, 3)
 
 
+def test_the_command_renders_layers(capfd, tmp_path):
+    """The deluxe material, and a document's, red."""
+    options = "--size", "24x16", "--samples", "4", "--scene", "sphere", "--device", "cpu"
+    run(capfd, "render", "deluxe", "-o", str(tmp_path / "deluxe.exr"), *options)
+    assert load_image(tmp_path / "deluxe.exr").std() > 0.01
+    pytest.importorskip("MaterialX", reason="MaterialX is not installed")
+    (tmp_path / "red.mtlx").write_text("""<?xml version="1.0"?>
+<materialx version="1.39">
+  <open_pbr_surface name="surface" type="surfaceshader">
+    <input name="base_color" type="color3" value="0.8, 0.0, 0.0"/>
+  </open_pbr_surface>
+  <surfacematerial name="red" type="material">
+    <input name="surfaceshader" type="surfaceshader" nodename="surface"/>
+  </surfacematerial>
+</materialx>""")
+    run(capfd, "render", str(tmp_path / "red.mtlx"), "-o", str(tmp_path / "red.exr"), *options, "--features")
+    red, _green, blue = load_image(tmp_path / "albedo.exr")[8, 12]
+    assert red > 0.5 > 0.2 > blue
+
+
 def test_the_command_renders_a_file_in_an_environment(capfd, tmp_path):
     trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
     trimesh.creation.icosphere(radius=40).apply_translation((100, 7, 0)).export(tmp_path / "ball.ply")
