@@ -62,6 +62,8 @@ def test_compiles_for_hopper(tmp_path):
 WARPGROUPS = [
     (64, 64, 2, 16, "float16", activations.relu),
     (48, 64, 3, 5, "float32", activations.tanh),
+    (32, 32, 3, 16, "float16", activations.relu),
+    (16, 32, 2, 7, "float32", activations.relu),
     (128, 64, 1, 8, "float16", activations.leaky_relu),
     (128, 128, 3, 16, "float16", activations.relu),
     (16, 128, 2, 1, "float32", activations.relu),
@@ -100,7 +102,7 @@ def test_what_warpgroups_take():
         return make_rows_schedule(NetworkSpec(sizes, **{"dtype": wp.float16} | kind), arch, shared_bytes)
 
     assert schedule(64, 64, 64, 16) and schedule(128, 128, 128, 128, 3)
-    for sizes in [(64, 16), (64, 32, 16), (64, 64, 128, 16), (40, 64, 16), (144, 64, 16), (64, 64, 17)]:
+    for sizes in [(64, 16), (64, 48, 16), (64, 64, 128, 16), (40, 64, 16), (144, 64, 16), (64, 64, 17)]:
         assert schedule(*sizes) is None
     for other in [{"arch": 80}, {"dtype": wp.float32}, {"format": BFLOAT16}, {"shared_bytes": 40 << 10}]:
         assert schedule(128, 128, 16, **other) is None

@@ -1,4 +1,4 @@
-"""The command `warp-neural`: describe and convert files, compress textures, bake materials, export networks."""
+"""The command `warp-neural`: files described and converted, textures, materials and networks made and shown."""
 
 import json
 import sys
@@ -15,6 +15,7 @@ from warp_neural.cli.ending import ending
 from warp_neural.cli.export_command import Export
 from warp_neural.cli.neural_commands import Bake, describe_neural
 from warp_neural.cli.printing import lines_of
+from warp_neural.cli.render_command import Render
 from warp_neural.cli.texture_commands import Compress, Decompress
 from warp_neural.cli.texture_info import describe_engine, describe_file, is_texture
 from warp_neural.coopvec.combinations import combination_table, supported_combinations
@@ -159,7 +160,7 @@ def main(args: list[str] | None = None) -> None:
         return
     cli.run(
         lambda command: command.main(),
-        Info | Compress | Decompress | Bake | Convert | Export | Devices,
+        Info | Compress | Decompress | Bake | Convert | Export | Render | Devices,
         args,
         prog="warp-neural",
     )

@@ -77,8 +77,8 @@ TEXTS = {
 
 
 def check_target(target: str) -> None:
-    if target not in TEXTS:
-        raise InputError(f"a texture is not exported to {target}; give one of {', '.join([*TEXTS, 'html'])}")
+    if target not in (known := (*TEXTS, "html")):
+        raise InputError(f"a texture is not exported to {target}; give one of {', '.join(known)}")
 
 
 def texture_source(language: str, shader: Shader, program: Program, state: BlockState, about: str) -> str:

@@ -17,10 +17,11 @@ from warp_neural.nn.state import NetworkState
 class NeuralMaterial:
     """Neural materials of one spec, on one device; what `LayeredSet` is, and called alike:
 
-        material = wn.materials.load_neural("leather.wnm")
+        material = load_neural("leather.wnm")
         material.evaluate(params, index, uv, lod, light, view)   # in kernels; params: material.Params
 
-    The functions are `kernels.materials.neural.NeuralFunctions`; `params` goes to launches. Any thread of any kernel
+    The functions are `kernels.materials.neural.NeuralFunctions`; `params` goes to launches; `texels` are
+    the sides that levels of detail count from. Any thread of any kernel
     may call them, with an index of its own, without a condition on the launch.
     """
 
@@ -41,6 +42,7 @@ class NeuralMaterial:
         for name, net in self.networks.items():
             setattr(self.params, name, net.params)
         self.params.latents = _texture(states, self.device)
+        self.texels = [max(state.codes[0].shape[:2]) for state in states]
 
     def __len__(self) -> int:
         return len(self.states)

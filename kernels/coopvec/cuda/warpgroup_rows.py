@@ -29,11 +29,18 @@ from warp_neural.kernels.coopvec.layout import LayerLayout, bias_joins_relu, net
 from warp_neural.kernels.native import paste, unroll
 from warp_neural.kernels.nn.spec import FLOAT16, NetworkSpec
 
-WIDTHS = (64, 128)  # of all hidden layers
+WIDTHS = (32, 64, 128)  # of all hidden layers
 MAX_IN, MAX_OUT = 128, 16
 TILE = 64  # rows of a product
 # Warpgroups of a block and blocks of a multiprocessor, by neurons and sums: the fastest of those that registers hold
-SHAPES = {(64, "float16"): (2, 3), (64, "float32"): (4, 1), (128, "float16"): (5, 1), (128, "float32"): (2, 1)}
+SHAPES = {
+    (32, "float16"): (4, 2),
+    (32, "float32"): (2, 3),
+    (64, "float16"): (2, 3),
+    (64, "float32"): (4, 1),
+    (128, "float16"): (5, 1),
+    (128, "float32"): (2, 1),
+}
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ void main() {
     bool other = checks > 0.5 && mod(check.x + check.y, 2.0) > 0.5;
     vec2 around = radians(vec2(azimuth, elevation));
     vec3 light = vec3(cos(around.x) * cos(around.y), sin(around.x) * cos(around.y), sin(around.y));
-    color = vec4(0.0, 0.0, 0.0, 1.0);
+    color = vec4(inside > 0.0 ? vec3(0.0) : vec3(0.17, 0.18, 0.2), 1.0);  // a dark side that stands out
     if (inside > 0.0 && dot(normal, light) > 0.0) {
         vec3 base = to_linear(other ? other_color : base_color);
         color.rgb = shaded(normal, -ray, light, base, other ? other_roughness : roughness);
