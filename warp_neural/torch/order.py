@@ -109,7 +109,7 @@ def pcg32(seed: int, count: int) -> np.ndarray:
     powers = np.full(count + 1, factor, np.uint64)
     powers[0] = 1
     powers = np.cumprod(powers)  # wraps, as it should
-    sums = np.concatenate([[0], np.cumsum(powers[:-1])]).astype(np.uint64)
+    sums = np.cumsum(powers) - powers  # of the powers before each
     states = (powers * np.uint64(state) + sums * np.uint64(increment))[:count]
     mixed = (((states >> np.uint64(18)) ^ states) >> np.uint64(27)).astype(np.uint32)
     turn = (states >> np.uint64(59)).astype(np.uint32)
