@@ -1,0 +1,27 @@
+"""Modules of `warp_neural.torch` from records of tiny-cuda-nn; tests that import this are skipped without PyTorch."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="no PyTorch: pip install torch")
+
+import warp_neural.torch as tcnn  # noqa: E402
+
+
+def make(record: dict) -> tcnn.Module:
+    dtype = torch.float16 if record["param_precision"] == "fp16" else torch.float32
+    if record["kind"] == "encoding":
+        return tcnn.Encoding(record["n_in"], record["encoding"], dtype=dtype)
+    if record["kind"] == "network":
+        return tcnn.Network(record["n_in"], record["n_out"], record["network"], dtype=dtype)
+    return tcnn.NetworkWithInputEncoding(
+        record["n_in"], record["n_out"], record["encoding"], record["network"], dtype=dtype
+    )
+
+
+def gradients(module: tcnn.Module, x: np.ndarray, dy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """y, dx and dparams of sum(dy * y)."""
+    x = torch.from_numpy(x).requires_grad_()
+    y = module(x)
+    (y.float() * torch.from_numpy(dy)).sum().backward()
+    return y.detach().float().numpy(), x.grad.numpy(), module.params.grad.numpy()
