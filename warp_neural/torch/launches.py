@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 import torch
 import warp as wp
@@ -61,7 +62,7 @@ def evaluate(shape: Shape, x: torch.Tensor, params: torch.Tensor) -> tuple[torch
     with current_stream(x) as device:
         packed = pack(shape, params, device)
         if len(x):
-            inputs = [_parameters(params, packed), _array(x), _array(y)]
+            inputs = [_parameters(params, packed), _argument(x), _argument(y)]
             _launch(forward_kernel(shape), round_up(len(x), BLOCK), inputs, device)
     return y, packed
 
@@ -72,7 +73,7 @@ def pack(shape: Shape, params: torch.Tensor, device: wp.Device) -> torch.Tensor:
         return torch.empty(0, dtype=torch.int32, device=params.device)
     kernel, constants, words = packing(shape.spec, device.alias)
     packed = torch.empty(words, dtype=torch.int32, device=params.device)
-    inputs = [*constants, _array(params), shape.spec.n_parameters, _array(packed, wp.uint32), words]
+    inputs = [*constants, _argument(params), shape.spec.n_parameters, _argument(packed, wp.uint32), words]
     _launch(kernel, (1, words), inputs, device)
     return packed
 
@@ -91,7 +92,7 @@ def adjoint(
     with current_stream(x) as device:
         if len(x):
             to = x.new_empty((0, shape.n_in)) if dx is None else dx
-            inputs = [_parameters(params, packed, dparams), _array(x), _array(dy), _array(to)]
+            inputs = [_parameters(params, packed, dparams), _argument(x), _argument(dy), _argument(to)]
             _launch(backward_kernel(shape), round_up(len(x), BLOCK), inputs, device)
     return dx, dparams
 
@@ -106,6 +107,11 @@ def _parameters(params: torch.Tensor, packed: torch.Tensor, gradient: torch.Tens
 
 def _array(tensor: torch.Tensor, dtype: type = wp.float32, gradient: torch.Tensor | None = None) -> wp.array:
     return wp.from_torch(tensor, dtype, requires_grad=gradient is not None, grad=gradient)
+
+
+def _argument(tensor: torch.Tensor, dtype: type = wp.float32) -> Any:
+    """Of a launch: what Warp makes of an array in the end."""
+    return wp.from_torch(tensor, dtype, requires_grad=False, return_ctype=True)
 
 
 def _launch(kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list, device: wp.Device) -> None:
