@@ -123,10 +123,12 @@ def test_parameters_that_change_before_the_backward_pass_are_noticed():
         y.sum().backward()
 
 
-def test_float16_is_float32_rounded():
+def test_float16_is_float32_rounded(device):
     """Both of the same parameters; 2e-3 is four roundings of float16."""
     x, dy = inputs(64).numpy(), np.full((64, 3), 1e-5, np.float32)  # without loss scale below its smallest numbers
-    for half, full in zip(gradients(model(torch.float16), x, dy), gradients(model(), x, dy), strict=True):
+    for half, full in zip(
+        gradients(model(torch.float16, device), x, dy), gradients(model(device=device), x, dy), strict=True
+    ):
         assert np.linalg.norm(half - full) < 4e-3 * np.linalg.norm(full)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from tcnn_vectors import ARRAYS, RECORDS, vectors
 from torch_modules import gradients, make
 
@@ -42,10 +43,10 @@ def bends(record: dict) -> bool:
 
 
 @pytest.mark.parametrize("name", names(False))
-def test_results_are_tiny_cuda_nns(name):
+def test_results_are_tiny_cuda_nns(name, device):
     """float16 by its rounding, 5e-4 of a number, once or a few times."""
     expected = vectors(name)
-    record, module = expected.record, make(expected.record)
+    record, module = expected.record, make(expected.record).to(wp.device_to_torch(device))
     module.load_tcnn_params(expected.params)
     y, dx, dparams = gradients(module, expected.x, expected.dy)
     least = FP16 if record["param_precision"] == "fp16" else FP32

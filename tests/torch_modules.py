@@ -20,8 +20,9 @@ def make(record: dict) -> tcnn.Module:
 
 
 def gradients(module: tcnn.Module, x: np.ndarray, dy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """y, dx and dparams of sum(dy * y)."""
-    x = torch.from_numpy(x).requires_grad_()
+    """y, dx and dparams of sum(dy * y), float32; on the module's device."""
+    x, dy = (torch.from_numpy(values).to(module.params.device) for values in (x, dy))
+    x.requires_grad_()
     y = module(x)
-    (y.float() * torch.from_numpy(dy)).sum().backward()
-    return y.detach().float().numpy(), x.grad.numpy(), module.params.grad.numpy()
+    (y.float() * dy).sum().backward()
+    return tuple(values.detach().float().cpu().numpy() for values in (y, x.grad, module.params.grad))
