@@ -1,9 +1,11 @@
-"""Backpropagation: the package's own adjoints behind `torch.autograd`."""
+"""Backpropagation: the package's own adjoints behind `torch.autograd`; second derivatives by PyTorch's operations."""
 
 import torch
+from torch.autograd.function import once_differentiable
 
 from warp_neural.torch.launches import adjoint, evaluate
 from warp_neural.torch.shape import Shape
+from warp_neural.torch.twice import evaluate_twice
 
 
 class Evaluate(torch.autograd.Function):
@@ -27,7 +29,7 @@ class Evaluate(torch.autograd.Function):
 
 
 class Adjoint(torch.autograd.Function):
-    """The gradients, which cannot be differentiated once more: that is an error, not a wrong number."""
+    """The gradients, which can be differentiated once more: see `twice`."""
 
     @staticmethod
     def forward(ctx, dy, x, params, packed, shape: Shape, loss_scale: float, needs: tuple[bool, bool]):
@@ -37,13 +39,31 @@ class Adjoint(torch.autograd.Function):
                 if gradient is not None:
                     gradient /= loss_scale
         if dparams is not None:
-            for place in shape.resting:
-                dparams[place].zero_()
+            rest(shape, dparams)
+        ctx.save_for_backward(dy, x, params)
+        ctx.shape, ctx.needs = shape, needs
         return dx, dparams
 
     @staticmethod
-    def backward(ctx, *_):
-        raise NotImplementedError(
-            "warp_neural.torch has no second derivatives: leave create_graph out, or take the gradient by finite "
-            "differences of the outputs"
-        )
+    @once_differentiable
+    def backward(ctx, *weights: torch.Tensor | None):
+        """Of the sums of gradients times `weights`."""
+        given = [weights[i] for i in range(2) if ctx.needs[i]]
+        with torch.enable_grad():
+            dy, x, params = (tensor.detach().requires_grad_() for tensor in ctx.saved_tensors)
+            y = evaluate_twice(ctx.shape, x, params)
+            inputs = [tensor for tensor, needed in zip((x, params), ctx.needs, strict=True) if needed]
+            first = torch.autograd.grad(y, inputs, dy, create_graph=True, materialize_grads=True)
+            if ctx.needs[1]:
+                given[-1] = rest(ctx.shape, given[-1].clone())
+            total = sum((gradient * weight).sum() for gradient, weight in zip(first, given, strict=True))
+        results = torch.autograd.grad(total, (dy, x, params), materialize_grads=True)
+        rest(ctx.shape, results[2])
+        return *results, None, None, None, None
+
+
+def rest(shape: Shape, gradient: torch.Tensor) -> torch.Tensor:
+    """Clear the gradient of parameters that are not trained; returns it."""
+    for place in shape.resting:
+        gradient[place] = 0
+    return gradient
