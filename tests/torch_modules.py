@@ -7,6 +7,8 @@ torch = pytest.importorskip("torch", reason="no PyTorch: pip install torch")
 
 import warp_neural.torch as tcnn  # noqa: E402
 
+torch.set_num_threads(1)  # tests run side by side
+
 
 def make(record: dict) -> tcnn.Module:
     dtype = torch.float16 if record["param_precision"] == "fp16" else torch.float32

@@ -1,7 +1,6 @@
 """Backpropagation: the package's own adjoints behind `torch.autograd`; second derivatives by PyTorch's operations."""
 
 import torch
-from torch.autograd.function import once_differentiable
 
 from warp_neural.torch.launches import adjoint, evaluate
 from warp_neural.torch.shape import Shape
@@ -29,7 +28,7 @@ class Evaluate(torch.autograd.Function):
 
 
 class Adjoint(torch.autograd.Function):
-    """The gradients, which can be differentiated once more: see `twice`."""
+    """The gradients, which can be differentiated again: see `twice`."""
 
     @staticmethod
     def forward(ctx, dy, x, params, packed, shape: Shape, loss_scale: float, needs: tuple[bool, bool]):
@@ -39,31 +38,35 @@ class Adjoint(torch.autograd.Function):
                 if gradient is not None:
                     gradient /= loss_scale
         if dparams is not None:
-            rest(shape, dparams)
+            for place in shape.resting:
+                dparams[place] = 0
         ctx.save_for_backward(dy, x, params)
         ctx.shape, ctx.needs = shape, needs
         return dx, dparams
 
     @staticmethod
-    @once_differentiable
     def backward(ctx, *weights: torch.Tensor | None):
-        """Of the sums of gradients times `weights`."""
+        """Of the sums of gradients times `weights`; can itself be differentiated."""
+        again, shape = torch.is_grad_enabled(), ctx.shape
         given = [weights[i] for i in range(2) if ctx.needs[i]]
         with torch.enable_grad():
-            dy, x, params = (tensor.detach().requires_grad_() for tensor in ctx.saved_tensors)
-            y = evaluate_twice(ctx.shape, x, params)
+            # new tensors: of their own graph, what the saved ones come from counts elsewhere
+            dy, x, params = (tensor.view_as(tensor) if again else tensor.detach() for tensor in ctx.saved_tensors)
+            params = torch.where(resting(shape, params), params.detach(), params)
+            dy, x, params = (t if t.requires_grad else t.detach().requires_grad_() for t in (dy, x, params))
+            y = evaluate_twice(shape, x, params)
             inputs = [tensor for tensor, needed in zip((x, params), ctx.needs, strict=True) if needed]
             first = torch.autograd.grad(y, inputs, dy, create_graph=True, materialize_grads=True)
             if ctx.needs[1]:
-                given[-1] = rest(ctx.shape, given[-1].clone())
+                given[-1] = given[-1].masked_fill(resting(shape, params), 0)
             total = sum((gradient * weight).sum() for gradient, weight in zip(first, given, strict=True))
-        results = torch.autograd.grad(total, (dy, x, params), materialize_grads=True)
-        rest(ctx.shape, results[2])
-        return *results, None, None, None, None
+            *results, dparams = torch.autograd.grad(total, (dy, x, params), create_graph=again, materialize_grads=True)
+        return *results, dparams.masked_fill(resting(shape, params), 0), None, None, None, None
 
 
-def rest(shape: Shape, gradient: torch.Tensor) -> torch.Tensor:
-    """Clear the gradient of parameters that are not trained; returns it."""
+def resting(shape: Shape, params: torch.Tensor) -> torch.Tensor:
+    """[n_parameters], which are not trained."""
+    mask = torch.zeros(params.shape, dtype=torch.bool, device=params.device)
     for place in shape.resting:
-        gradient[place] = 0
-    return gradient
+        mask[place] = True
+    return mask
