@@ -31,8 +31,8 @@ class Module(torch.nn.Module):
     the first layer; here they are one. The other layers have biases with `"biases": true` in the network's
     configuration; without, those in `params` stay 0.
 
-    Second and further derivatives (`create_graph=True`), as of an eikonal loss, are PyTorch's own of the same function in
-    float32: right, and slower than first ones; tiny-cuda-nn has second ones of grids alone.
+    Second and further derivatives (`create_graph=True`), as of an eikonal loss, are PyTorch's own of the same function
+    in float32: slower than first ones. tiny-cuda-nn has second ones of grids alone.
     """
 
     def __init__(self, shape: Shape, order: Order, dtype: torch.dtype | None, seed: int, params: torch.Tensor | None):
