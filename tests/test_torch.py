@@ -191,6 +191,23 @@ def test_a_network_in_warp_shares_the_parameters(device, tmp_path):
     np.testing.assert_array_equal(again(x).detach().cpu().numpy(), y)
 
 
+@wp.func
+def sample(index: int, random: wn.random.Stream):
+    u = wn.random.uniform(random, 0)
+    return wp.vec2(u[0], u[1]), wp.vec3(u[0], u[1], u[0] * u[1])
+
+
+def test_a_fused_step_trains_the_module(device):
+    """`wn.Trainer` on the shared parameters, in place of PyTorch's loop."""
+    made = tcnn.Network(2, 3, MLP, dtype=torch.float32).to(wp.device_to_torch(device))
+    x = inputs(64, device)[:, :2]
+    target = torch.stack([x[:, 0], x[:, 1], x[:, 0] * x[:, 1]], dim=1)
+    before = (made(x) - target).square().mean().item()
+    trainer = wn.Trainer(made.to_warp(), sample=sample, loss=wn.losses.l2, optimizer=wn.optim.Adam(lr=1e-2), batch=256)
+    trainer.run(steps=100)
+    assert (made(x) - target).square().mean().item() < 0.05 * before
+
+
 @pytest.mark.parametrize("precision", ["float32", "float16", "bfloat16"])
 def test_a_network_of_warp_trains_in_pytorch(precision, device):
     net = wn.MLP(2, 3, 32, 2, encoding=wn.encodings.Frequency(3), precision=precision, device=device)

@@ -1,7 +1,5 @@
 """Warp's kernels on PyTorch's memory: no copies, on PyTorch's current stream."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -45,36 +43,33 @@ def packing(spec: NetworkSpec, alias: str) -> tuple[wp.Kernel, list[wp.array], i
     return kernel, [table, steps], network_layout(spec, device.is_cuda)[1]
 
 
-@contextmanager
-def current_stream(tensor: torch.Tensor) -> Iterator[wp.Device]:
-    """Launches go where PyTorch's on the tensor's device go."""
+def place(tensor: torch.Tensor) -> tuple[wp.Device, wp.Stream | None]:
+    """The tensor's device, and PyTorch's current stream there, where launches go."""
     if tensor.device.type == "cpu":
-        yield wp.get_device("cpu")
-        return
+        return wp.get_device("cpu"), None
     stream = wp.stream_from_torch(torch.cuda.current_stream(tensor.device))
-    with wp.ScopedStream(stream, sync_enter=False):
-        yield stream.device
+    return stream.device, stream
 
 
 def evaluate(shape: Shape, x: torch.Tensor, params: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """x: float32 [n, n_in] of any strides. Results, float32 [n, n_out], and the packed network for `adjoint`."""
     y = torch.empty((len(x), shape.n_out), dtype=torch.float32, device=x.device)
-    with current_stream(x) as device:
-        packed = pack(shape, params, device)
-        if len(x):
-            inputs = [_parameters(params, packed), _argument(x), _argument(y)]
-            _launch(forward_kernel(shape), round_up(len(x), BLOCK), inputs, device)
+    where = place(x)
+    packed = pack(shape, params, where)
+    if len(x):
+        inputs = [_parameters(params, packed), _argument(x), _argument(y)]
+        _launch(forward_kernel(shape), round_up(len(x), BLOCK), inputs, where)
     return y, packed
 
 
-def pack(shape: Shape, params: torch.Tensor, device: wp.Device) -> torch.Tensor:
+def pack(shape: Shape, params: torch.Tensor, where: tuple[wp.Device, wp.Stream | None]) -> torch.Tensor:
     """The network's parameters as its kernels read them, in memory of its own: each evaluation keeps the one it had."""
     if not shape.spec:
         return torch.empty(0, dtype=torch.int32, device=params.device)
-    kernel, constants, words = packing(shape.spec, device.alias)
+    kernel, constants, words = packing(shape.spec, where[0].alias)
     packed = torch.empty(words, dtype=torch.int32, device=params.device)
     inputs = [*constants, _argument(params), shape.spec.n_parameters, _argument(packed, wp.uint32), words]
-    _launch(kernel, (1, words), inputs, device)
+    _launch(kernel, (1, words), inputs, where)
     return packed
 
 
@@ -89,11 +84,10 @@ def adjoint(
     """dy: float32 [n, n_out]. The gradients in x and params, those of them that are needed; biases not masked."""
     dx = torch.empty((len(x), shape.n_in), dtype=torch.float32, device=x.device) if needs[0] else None
     dparams = torch.zeros_like(params) if needs[1] else None
-    with current_stream(x) as device:
-        if len(x):
-            to = x.new_empty((0, shape.n_in)) if dx is None else dx
-            inputs = [_parameters(params, packed, dparams), _argument(x), _argument(dy), _argument(to)]
-            _launch(backward_kernel(shape), round_up(len(x), BLOCK), inputs, device)
+    if len(x):
+        to = x.new_empty((0, shape.n_in)) if dx is None else dx
+        inputs = [_parameters(params, packed, dparams), _argument(x), _argument(dy), _argument(to)]
+        _launch(backward_kernel(shape), round_up(len(x), BLOCK), inputs, place(x))
     return dx, dparams
 
 
@@ -114,5 +108,6 @@ def _argument(tensor: torch.Tensor, dtype: type = wp.float32) -> Any:
     return wp.from_torch(tensor, dtype, requires_grad=False, return_ctype=True)
 
 
-def _launch(kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list, device: wp.Device) -> None:
-    wp.launch(kernel, dim, inputs, device=device, block_dim=BLOCK, record_tape=False)
+def _launch(kernel: wp.Kernel, dim: int | tuple[int, int], inputs: list, where: tuple) -> None:
+    device, stream = where
+    wp.launch(kernel, dim, inputs, device=device, stream=stream, block_dim=BLOCK, record_tape=False)
