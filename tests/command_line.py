@@ -3,6 +3,7 @@
 import json
 
 import pytest
+import warp as wp
 
 from warp_neural.cli.commands import main
 
@@ -15,10 +16,11 @@ def run(capfd, *args):
 
 
 def refused(capfd, *args):
+    wp.init()  # says once that there is no driver
     capfd.readouterr()
     with pytest.raises(SystemExit) as exit_info:
         main(list(args))
     assert exit_info.value.code == 2
     captured = capfd.readouterr()
-    assert captured.out == "" and captured.err.count("\n") == 1
+    assert captured.out == "" and captured.err.count("\n") == 1, captured.err
     return captured.err

@@ -65,9 +65,9 @@ def mirrors_energy(view, alpha, side=1024):
     return energy, (value * (1 - np.clip(vh, 0, 1)) ** 5).mean() / energy
 
 
-def root_axis(alpha):
-    least = np.sqrt(MIN_ALPHA)
-    return (np.sqrt(alpha) - least) / (1 - least)
+def alpha_axis(alpha):
+    least = MIN_ALPHA**0.25
+    return (alpha**0.25 - least) / (1 - least)
 
 
 def interpolated(table, *axes):
@@ -79,12 +79,12 @@ def energy(tables, view, alpha, long):
     """(E, q) from the device's tables `(round energy, round share, long energy, long share)`."""
     c = np.clip(view[..., 2], 1e-4, 1)
     if not long:
-        a, rest = alpha[..., 0], [root_axis(alpha[..., 0])]
+        a, rest = alpha[..., 0], [alpha_axis(alpha[..., 0])]
     else:
         phi = np.arctan2(view[..., 1], view[..., 0])
         x, y = (alpha[..., 0] * np.cos(phi), alpha[..., 0] * np.sin(phi)), alpha[..., 1]
         a, b = np.hypot(x[0], y * np.sin(phi)), np.hypot(x[1], y * np.cos(phi))
-        rest = [root_axis(a), root_axis(b), alpha[..., 0] * alpha[..., 1] / (a * b)]
+        rest = [alpha_axis(a), alpha_axis(b), alpha[..., 0] * alpha[..., 1] / (a * b)]
     return (
         interpolated(tables[2 * long], c * (1 + a) / (c + a), *rest),
         interpolated(tables[2 * long + 1], np.sqrt(c), *rest),
@@ -143,14 +143,26 @@ def facets(inputs, prefix, angle, anisotropy, tables, light, view, long):
     return safe, v, above[:, None], alpha, e, np.stack([e, e * q], axis=-1)
 
 
-def evaluate(inputs, tables, light, view, long=True):
-    """f cos `[n, 3]`, and the density of samples `[n]`."""
+def eon_albedo(color, roughness, cosine):
+    single = eon_single(cosine, roughness)[:, None]
+    mean = (1 + (2 / 3 - 28 / (15 * np.pi)) * roughness) / (1 + (0.5 - 2 / (3 * np.pi)) * roughness)
+    tint = color**2 * mean[:, None] / (1 - color * (1 - mean[:, None]))
+    return color * single + tint * (1 - single)
+
+
+def with_fingerprints(inputs):
+    """In float64, with the roughnesses that fingerprints leave."""
     i = {name: np.asarray(value, float) for name, value in inputs.items()}
-    one = np.ones((len(light), 3))
-    angle = 0.5 * np.arctan2(i["tangent"][:, 1], i["tangent"][:, 0])
     rough = i["roughness"] + (i["fingerprint_roughness"] - i["roughness"]) * i["fingerprints"] * (1 - i["coat"])
     coat_rough = i["coat_roughness"] + (i["fingerprint_roughness"] - i["coat_roughness"]) * i["fingerprints"]
-    i = {**i, "roughness": rough, "coat_roughness": coat_rough}
+    return {**i, "roughness": rough, "coat_roughness": coat_rough}
+
+
+def evaluate(inputs, tables, light, view, long=True):
+    """f cos `[n, 3]`, the density of samples `[n]`, and the directional albedo `[n, 3]`."""
+    i = with_fingerprints(inputs)
+    one = np.ones((len(light), 3))
+    angle = 0.5 * np.arctan2(i["tangent"][:, 1], i["tangent"][:, 0])
     anisotropy = i["anisotropy"][:, 0] * np.minimum(np.linalg.norm(i["tangent"], axis=-1), 1)
     zero = np.zeros(len(light))
     cl, cv, c_above, c_alpha, c_e, c_whole = facets(i, "coat_", zero, zero, tables, light, view, False)
@@ -186,10 +198,3 @@ def evaluate(inputs, tables, light, view, long=True):
     density = chances[0] * visible_density(cl, cv, c_alpha) * c_above[:, 0] + chances[3] * light[:, 2] / np.pi
     density += (chances[1] * visible_density(bl, bv, b_alpha) + chances[2] * bl[:, 2] / np.pi) * b_above[:, 0]
     return value, density, albedos.sum(axis=0)
-
-
-def eon_albedo(color, roughness, cosine):
-    single = eon_single(cosine, roughness)[:, None]
-    mean = (1 + (2 / 3 - 28 / (15 * np.pi)) * roughness) / (1 + (0.5 - 2 / (3 * np.pi)) * roughness)
-    tint = color**2 * mean[:, None] / (1 - color * (1 - mean[:, None]))
-    return color * single + tint * (1 - single)

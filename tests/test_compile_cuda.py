@@ -5,6 +5,7 @@ import importlib
 import numpy as np
 import pytest
 import warp as wp
+from render_materials import Glossy
 
 from warp_neural import encodings
 from warp_neural.kernels.coopvec.convert import convert_kernel
@@ -14,6 +15,7 @@ from warp_neural.kernels.nn.losses import l2
 from warp_neural.kernels.nn.optimizers import adam
 from warp_neural.kernels.nn.random import Stream, uniform
 from warp_neural.kernels.nn.spec import E4M3, FLOAT16, FLOAT32, INT8, NetworkSpec, Parameters
+from warp_neural.kernels.render.path import make_path_kernel
 from warp_neural.kernels.texture.spec import Grid
 from warp_neural.kernels.training.encoded_batch import (
     make_adjoint_sample,
@@ -25,6 +27,9 @@ from warp_neural.kernels.training.fused import make_gradient_kernel
 from warp_neural.kernels.training.mma.schedule import make_schedule
 from warp_neural.kernels.training.taped_update import make_update_kernel
 from warp_neural.kernels.training.update import make_fused_update_kernel
+from warp_neural.materials.default_material import default_material
+from warp_neural.render.materials import Diffuse, combine, functions_of
+from warp_neural.render.textured import Textured
 from warp_neural.samples.neural_texture.step_01_latent_texture import make_loss_kernel
 from warp_neural.samples.neural_texture.texture import Texture
 from warp_neural.samples.textured_scene.fetch import fetch_picture, vec7
@@ -33,6 +38,7 @@ from warp_neural.texture.maps import TextureSet
 from warp_neural.texture.state import Map
 
 MODULES = [
+    "warp_neural.kernels.render.film",
     "warp_neural.kernels.nn.optimizers",
     "warp_neural.kernels.shading.texture",
     "warp_neural.samples.mipmap.judge",
@@ -65,6 +71,15 @@ def test_a_read_of_a_grid_compiles_for_hopper(tmp_path):
 
 def test_a_scene_compiles_for_hopper(tmp_path):
     kernel = make_render_kernel(fetch_picture, wp.array2d[vec7])
+    (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
+    assert artifact.stat().st_size > 0
+
+
+def test_paths_compile_for_hopper(tmp_path):
+    """Through two sets of materials, one of them two again."""
+    diffuse, textured = Diffuse([[0.5, 0.5, 0.5]], device="cpu"), Textured(default_material(8), device="cpu")
+    materials = combine(Glossy([[0.5, 0.5, 0.5, 0.3, 0, 0.5]], "cpu"), combine(diffuse, textured))
+    kernel = make_path_kernel(functions_of(materials))
     (artifact,) = wp.compile_aot_module(kernel.module, arch=90, module_dir=tmp_path)
     assert artifact.stat().st_size > 0
 

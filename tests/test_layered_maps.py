@@ -185,6 +185,13 @@ def test_bad_specs_are_refused():
 def test_a_set_makes_code_for_its_layers_only(device):
     plain, coated = LayeredMaterial("plain"), LayeredMaterial("coated", {"coat": 1.0, "dust": np.zeros((4, 4))})
     assert LayeredSet(plain, device=device).spec == LayeredSpec()
+    idle = {
+        "dust": 0.0,
+        "dust_color": np.ones((4, 4, 3)),
+        "coat_normal": np.ones((4, 4, 3)),
+        "color": np.ones((4, 4, 3)),
+    }
+    assert LayeredSet(LayeredMaterial("idle", idle), device=device).spec == LayeredSpec(("color",))
     both = LayeredSet(plain, coated, device=device)
     assert both.spec == LayeredSpec(coat=True) and len(both) == 2
     found = parameters_at(both, [0, 1], np.zeros((2, 2)), 0.0)

@@ -66,8 +66,8 @@ FURNACES = {
     "coated dielectric": {"coat": 1.0, "coat_specular": 1.0},
     "all": {"metalness": 0.4, "coat": 0.7, "dust": 0.3, "fingerprints": 0.5, "anisotropy": 0.6},
 }
-ROUGHNESSES = (0.15, 0.4, 0.7, 1.0)
-COSINES = (1.0, 0.6, 0.2, 0.05)
+ROUGHNESSES = (0.0, 0.07, 0.15, 0.4, 0.7, 1.0)
+COSINES = (1.0, 0.6, 0.2, 0.05, 0.01)
 
 
 def integrals(materials, views, count=4096):
@@ -93,7 +93,7 @@ def views_at(cosines, turn=0.5):
 def test_white_furnace(device):
     """White layers, alone and stacked, at several roughnesses, give all light back, at grazing angles too."""
     stacks = [
-        LayeredMaterial(f"{name} {r}", {**WHITE, **inputs, "roughness": r, "coat_roughness": 1.1 - r})
+        LayeredMaterial(f"{name} {r}", {**WHITE, **inputs, "roughness": r, "coat_roughness": 1 - r})
         for name, inputs in FURNACES.items()
         for r in ROUGHNESSES
     ]

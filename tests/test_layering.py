@@ -21,6 +21,7 @@ kernels.training.hopper128
 kernels.training
 kernels.texture
 kernels.materials
+kernels.render
 errors
 config io
 coopvec

@@ -7,6 +7,8 @@ import pytest
 
 from warp_neural import InputError
 from warp_neural.imaging.image import save_image
+from warp_neural.kernels.materials.spec import LayeredSpec
+from warp_neural.materials.layered import LayeredSet
 from warp_neural.materials.materialx import load_materialx
 
 pytest.importorskip("MaterialX", reason="MaterialX is not installed; pip install 'warp-neural[materialx]'")
@@ -99,6 +101,7 @@ def test_standard_surface_of_nodes(load):
     np.testing.assert_allclose(material.inputs["normal"], normal, atol=2e-3)  # 16 bits, where the normal is short
     np.testing.assert_allclose(material.inputs["tangent"], [0, 1], atol=1e-6)
     assert material.name == "tile"
+    assert LayeredSet(material, device="cpu").spec == LayeredSpec(material.maps, anisotropic=True)
 
 
 SHADER = "standard_surface"

@@ -19,15 +19,16 @@ def test_every_target(tmp_path, device):
         out=tmp_path / "out", image=tmp_path / "small.png", steps=20, device=str(device), json=True
     )
     metrics = deployment.main(config)
+    precision = "float16" if device.is_cuda else "float32"
     assert (tmp_path / "out" / "cpp" / "picture.hpp").is_file() and metrics["how_msl"].startswith("not run")
     for target in TARGETS:
         ran = not metrics[f"how_{target}"].startswith("not run")
-        exported = target != "vulkan" or not spirv.missing("float32")
+        exported = target != "vulkan" or not spirv.missing(precision)
         assert ran == (f"difference_{target}" in metrics) and (metrics[f"bytes_{target}"] > 1000) == exported
         if ran:
             limit = {"cpp": 0, "html": 1e-2}.get(target, 1e-2 if device.is_cuda else 1e-5)  # a page has 8 bits
             assert metrics[f"difference_{target}"] <= limit
-    if lacking := spirv.missing("float32") or vulkan.missing():
+    if lacking := spirv.missing(precision) or vulkan.missing():
         assert metrics["how_vulkan"] == f"not run: no {lacking}"
     assert (metrics["how_cpp"] == "g++") == bool(shutil.which("g++"))
     assert metrics["how_html"].startswith("Chromium") == (browser.missing() is None)

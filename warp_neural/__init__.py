@@ -64,6 +64,7 @@ __all__ = [
     "losses",
     "optim",
     "random",
+    "render",
     "sampling_2d",
     "save_network",
     "save_rtxns",
@@ -73,6 +74,6 @@ __all__ = [
 
 
 def __getattr__(name: str):
-    if name == "texture":  # reads much that the rest does without
-        return import_module("warp_neural.texture")
+    if name in ("render", "texture"):  # read much that the rest does without
+        return import_module(f"warp_neural.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,8 +5,9 @@ For mirrors E(v) is the integral of `reflection`'s first part over lights; its s
 dielectrics and coats.
 
 E falls where v_z is about alpha, whatever alpha is: its axis is v_z (1 + a) / (v_z + a). q's is sqrt(v_z), those of
-alpha are its root. Anisotropic facets are described in the view's own plane: alpha along it (a), across it (b), and
-the correlation of both slopes as alpha_x alpha_y / (a b), 1 for none; so four axes are exact, and all tables smooth.
+alpha are its fourth root. Anisotropic facets are described in the view's own plane: alpha along it (a), across it (b),
+and the correlation of both slopes as alpha_x alpha_y / (a b), 1 for none; so four axes are exact, and all tables
+smooth. Between their nodes E is within 0.9 % of the integral.
 """
 
 import warp as wp
@@ -28,18 +29,18 @@ class EnergyTables:
 
 
 @wp.func
-def root_axis(alpha: float) -> float:
+def alpha_axis(alpha: float) -> float:
     """[MIN_ALPHA, 1] to [0, 1]."""
-    least = wp.sqrt(MIN_ALPHA)
-    return (wp.sqrt(alpha) - least) / (1.0 - least)
+    least = wp.sqrt(wp.sqrt(MIN_ALPHA))
+    return (wp.sqrt(wp.sqrt(alpha)) - least) / (1.0 - least)
 
 
 @wp.func
 def alpha_at(x: float) -> float:
-    """The inverse of `root_axis`."""
-    least = wp.sqrt(MIN_ALPHA)
+    """The inverse of `alpha_axis`."""
+    least = wp.sqrt(wp.sqrt(MIN_ALPHA))
     root = least + (1.0 - least) * x
-    return root * root
+    return root * root * root * root
 
 
 @wp.func
@@ -76,7 +77,7 @@ def energy_axis(cosine: float, alpha: float) -> float:
 @wp.func
 def round_energy(tables: EnergyTables, cosine: float, alpha: float) -> wp.vec2:
     """(E, q) of isotropic facets."""
-    c, y = wp.clamp(cosine, LEAST_COSINE, 1.0), root_axis(alpha)
+    c, y = wp.clamp(cosine, LEAST_COSINE, 1.0), alpha_axis(alpha)
     energy = bilinear(tables.round_energy, energy_axis(c, alpha), y)
     return wp.vec2(energy, bilinear(tables.round_share, wp.sqrt(c), y))
 
@@ -90,7 +91,7 @@ def long_energy(tables: EnergyTables, view: wp.vec3, alpha: wp.vec2) -> wp.vec2:
     a = wp.sqrt((xx * x + yy * y + tiny * (xx + yy)) / (x + y + 2.0 * tiny))
     b = wp.sqrt((yy * x + xx * y + tiny * (xx + yy)) / (x + y + 2.0 * tiny))
     correlation = alpha[0] * alpha[1] / (a * b)
-    c, p, q = wp.clamp(view[2], LEAST_COSINE, 1.0), root_axis(a), root_axis(b)
+    c, p, q = wp.clamp(view[2], LEAST_COSINE, 1.0), alpha_axis(a), alpha_axis(b)
     energy = quadrilinear(tables.long_energy, energy_axis(c, a), p, q, correlation)
     return wp.vec2(energy, quadrilinear(tables.long_share, wp.sqrt(c), p, q, correlation))
 

@@ -4,7 +4,7 @@ Layers are joined by albedo scaling: what a layer does not reflect towards the v
 below (Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks", in the form of OpenPBR 1.1, "Albedo
 scaling", which looks at the view alone: so a stack as a whole is not reciprocal, and conserves energy exactly where E
 is exact). Facets' bounces among themselves come back with the colour of one bounce (Turquin 2019, "Practical Multiple
-Scattering Compensation for Microfacet Models", eq. 16): f (1 + f0 (1 - E) / E).
+Scattering Compensation for Microfacet Models"): f (1 + f0 (1 - E) / E).
 """
 
 from functools import cache
@@ -121,6 +121,15 @@ def through_coat(surface: Surface, coat: Facets) -> wp.vec3:
     return result
 
 
+@wp.func
+def coat_facets(surface: Surface, tables: EnergyTables, view: wp.vec3) -> Facets:
+    facets = facets_of(surface.coat_normal, wp.vec2(1.0, 0.0), alphas(surface.coat_roughness, 0.0), view)
+    both = round_energy(tables, facets.view[2], facets.alpha[0])
+    facets.energy = wp.min(both[0], 1.0)
+    facets.share = both[1]
+    return facets
+
+
 @cache
 def make_lobes(spec: LayeredSpec) -> wp.Function:
     """`(surface, tables, view) -> Lobes`; the view has z > 0."""
@@ -133,14 +142,6 @@ def make_lobes(spec: LayeredSpec) -> wp.Function:
             both = long_energy(tables, facets.view, facets.alpha)
         else:
             both = round_energy(tables, facets.view[2], facets.alpha[0])
-        facets.energy = wp.min(both[0], 1.0)
-        facets.share = both[1]
-        return facets
-
-    @wp.func
-    def coat_facets(surface: Surface, tables: EnergyTables, view: wp.vec3) -> Facets:
-        facets = facets_of(surface.coat_normal, wp.vec2(1.0, 0.0), alphas(surface.coat_roughness, 0.0), view)
-        both = round_energy(tables, facets.view[2], facets.alpha[0])
         facets.energy = wp.min(both[0], 1.0)
         facets.share = both[1]
         return facets

@@ -35,6 +35,14 @@ LAYERS = {"coat": "coat", "dust": "dust", "fingerprints": "fingerprints", "aniso
 """Parts of a spec, and the input that is their share: without it no code is made for them."""
 
 
+_FIRST = {"coat": ("coat",), "dust": ("dust",), "fingerprints": ("fingerprint",), "anisotropic": ("aniso", "tangent")}
+
+
+def inputs_of(layer: str) -> tuple[str, ...]:
+    """Names of the inputs that only this layer has."""
+    return tuple(name for name in INPUTS if name.startswith(_FIRST[layer]))
+
+
 @dataclass(frozen=True)
 class LayeredSpec:
     """What code is made for. maps: the inputs read from textures, in the order of `INPUTS`; others are constants of

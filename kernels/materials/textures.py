@@ -81,12 +81,15 @@ def make_input(spec: LayeredSpec, name: str) -> wp.Function:
         row = index * maps + position
         last = params.levels.shape[1] - 1
         level = wp.clamp(lod - params.finer[row], 0.0, float(last))
-        fine = wp.min(int(level), last)  # of NaN too
+        fine = wp.clamp(int(level), 0, last)  # of NaN too
         share = level - float(fine)
-        result = read_level(params.texels, params.levels[row, fine], uv)
-        if share > 0.0:
-            coarse = params.levels[row, wp.min(fine + 1, last)]
-            result = result + (read_level(params.texels, coarse, uv) - result) * share
+        result = vec()
+        k = int(0)
+        while k < 2:  # not unrolled: one copy of the code for both levels
+            weight = wp.where(k == 1, share, 1.0 - share)
+            if weight > 0.0:
+                result += read_level(params.texels, params.levels[row, wp.min(fine + k, last)], uv) * weight
+            k += 1
         return result
 
     return read_map

@@ -35,7 +35,7 @@ template <class T, int N> struct coopvecNV {
     T& operator[](int i) { return values[i]; }
 };
 template <class T, int N> coopvecNV<T, N> max(coopvecNV<T, N> a, coopvecNV<T, N> b) {
-    for (int i = 0; i < N; ++i) a[i] = max(float(a[i]), float(b[i]));
+    for (int i = 0; i < N; ++i) a[i] = b[i] < a[i] ? a[i] : b[i];
     return a;
 }
 template <class T, int N> using CoopVec = coopvecNV<T, N>;

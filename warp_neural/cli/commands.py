@@ -1,4 +1,5 @@
-"""The command `warp-neural`: describe files, convert networks, compress textures, export networks, list devices."""
+"""The command `warp-neural`: describe files, convert networks, compress textures, export networks, render
+materials, list devices."""
 
 import json
 import sys
@@ -14,6 +15,7 @@ from warp_neural import __version__, cli
 from warp_neural.cli.ending import ending
 from warp_neural.cli.export_command import Export
 from warp_neural.cli.printing import lines_of
+from warp_neural.cli.render_command import Render
 from warp_neural.cli.texture_commands import Compress, Decompress
 from warp_neural.cli.texture_info import describe_engine, describe_file, is_texture
 from warp_neural.coopvec.combinations import combination_table, supported_combinations
@@ -154,7 +156,7 @@ def main(args: list[str] | None = None) -> None:
         return
     cli.run(
         lambda command: command.main(),
-        Info | Compress | Decompress | Convert | Export | Devices,
+        Info | Compress | Decompress | Convert | Export | Render | Devices,
         args,
         prog="warp-neural",
     )

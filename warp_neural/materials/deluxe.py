@@ -59,15 +59,17 @@ def _rings(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _fingerprints(rng: np.random.Generator, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Ridges around whorls, worn at their edges."""
-    total = np.zeros_like(x)
+    total, size = np.zeros_like(x), len(x)
+    reach = np.arange(-int(0.08 * size) - 1, int(0.08 * size) + 2)
     for _ in range(_PRINTS):
         (cx, cy), turn, phase = rng.random(2), rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
-        dx, dy = (x - cx + 0.5) % 1 - 0.5, (y - cy + 0.5) % 1 - 0.5
+        at = np.ix_((int((1 - cy) * size) + reach) % size, (int(cx * size) + reach) % size)
+        dx, dy = (x[at] - cx + 0.5) % 1 - 0.5, (y[at] - cy + 0.5) % 1 - 0.5
         across, along = dx * np.cos(turn) + dy * np.sin(turn), dy * np.cos(turn) - dx * np.sin(turn)
         distance = np.hypot(across / 0.05, along / 0.075)
         bend = 0.25 * np.sin(3 * np.arctan2(along, across) + phase)
         ridges = 0.5 + 0.5 * np.cos(2 * np.pi * (7 * np.hypot(across / 0.05, along / 0.065) + bend))
-        total = np.maximum(total, _smoothstep(1.0, 0.7, distance) * (0.25 + 0.75 * ridges))
+        total[at] = np.maximum(total[at], _smoothstep(1.0, 0.7, distance) * (0.25 + 0.75 * ridges))
     return total
 
 

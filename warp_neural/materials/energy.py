@@ -7,12 +7,12 @@ import warp as wp
 from warp_neural.kernels.materials.energy import EnergyTables, long_kernel, round_kernel
 
 _ROUND, _ROUND_SIDE = (32, 32), 64  # nodes, and the root of the number of facets in each one's integral
-_LONG, _LONG_SIDE = (32, 16, 16, 4), 20
+_LONG, _LONG_SIDE = (32, 18, 18, 4), 20
 
 
 @cache
 def energy_tables(device: str, anisotropic: bool) -> EnergyTables:
-    """On the device of that alias: 8 KiB, and 256 KiB more for anisotropic facets; deterministic."""
+    """On the device of that alias: 8 KiB, and 324 KiB more for anisotropic facets; deterministic."""
     tables = EnergyTables()
     tables.round_energy, tables.round_share = _make(device, round_kernel, _ROUND, _ROUND_SIDE)
     if anisotropic:

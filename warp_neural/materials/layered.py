@@ -7,8 +7,9 @@ import numpy as np
 import warp as wp
 
 from warp_neural.errors import InputError
+from warp_neural.kernels.errors import LARGEST, require
 from warp_neural.kernels.materials.layered import make_layered
-from warp_neural.kernels.materials.spec import INPUTS, LAYERS, LayeredSpec
+from warp_neural.kernels.materials.spec import INPUTS, LAYERS, LayeredSpec, inputs_of
 from warp_neural.kernels.materials.textures import LayeredParams
 from warp_neural.materials.energy import energy_tables
 from warp_neural.materials.material import Material
@@ -57,7 +58,8 @@ class LayeredSet:
         materials = LayeredSet(deluxe_material(), from_material(load_material("Leather034C")))
         materials.evaluate(params, index, uv, lod, light, view)   # in kernels; params: materials.Params
 
-    The functions are `LayeredFunctions`; `params` goes to launches. One code serves all: what is a map in one material
+    The functions are `LayeredFunctions`; `params` goes to launches; `texels` are the sides that levels of detail count
+    from, of each material's largest map. One code serves all: what is a map in one material
     is one of a single texel in the others. Maps of constant zeros for a layer's share leave the layer out.
     """
 
@@ -72,6 +74,7 @@ class LayeredSet:
         functions = make_layered(self.spec)
         self.evaluate, self.sample, self.density = functions.evaluate, functions.sample, functions.density
         self.albedo, self.parameters = functions.albedo, functions.parameters
+        self.texels = [max([1, *(max(m.value(name).shape[:2]) for name in m.maps)]) for m in materials]
         self.params = self._make_params()
 
     def __len__(self) -> int:
@@ -123,7 +126,7 @@ def _checked(material: str, name: str, value: InputValue) -> np.ndarray:
 def _common_spec(materials: tuple[LayeredMaterial, ...]) -> LayeredSpec:
     """Of which each material is a case."""
     layers = {layer: any(m.layers[layer] for m in materials) for layer in LAYERS}
-    unused = {share for layer, share in LAYERS.items() if not layers[layer]}
+    unused = {name for layer in LAYERS if not layers[layer] for name in inputs_of(layer)}
     maps = tuple(name for name in INPUTS if name not in unused and any(name in m.maps for m in materials))
     return LayeredSpec(maps, **layers)
 
@@ -137,13 +140,15 @@ def _mean(value: np.ndarray) -> np.ndarray:
 
 
 def _finer(pyramids: list[Pyramid]) -> np.ndarray:
-    """Levels that each map is smaller than the largest, by its longer side, of those with more than one texel."""
+    """How many levels smaller than the largest each map is, by its longer side."""
     sides = np.array([max(p[0].shape[:2]) for p in pyramids], np.float32)
     return np.log2(sides.max(initial=1.0) / sides)
 
 
 def _packed(pyramids: list[Pyramid]) -> tuple[np.ndarray, np.ndarray]:
     """`levels` and `texels` of `LayeredParams`."""
+    size = sum(image.size for images in pyramids for image in images)
+    require(size < LARGEST, "materials", size, f"fewer than {LARGEST} numbers in all maps; make them smaller")
     count = max(map(len, pyramids), default=1)
     levels, start = np.ones((max(len(pyramids), 1), count, 3), np.int32), 0
     for row, images in enumerate(pyramids):

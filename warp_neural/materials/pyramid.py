@@ -17,6 +17,9 @@ def halved(image: np.ndarray, axis: int) -> np.ndarray:
     """Half as many texels, at least one, along the axis: means of the area, so odd sizes weigh the texels between."""
     count = image.shape[axis]
     half = max(count // 2, 1)
+    if count == 2 * half:
+        pairs = np.moveaxis(image, axis, 0)
+        return np.moveaxis((pairs[::2] + pairs[1::2]) * np.float32(0.5), 0, axis)
     zeros = np.zeros_like(np.take(image, [0], axis), dtype=np.float64)
     sums = np.concatenate([zeros, np.cumsum(image, axis, dtype=np.float64)], axis)
     edges = np.arange(half + 1) * (count / half)
