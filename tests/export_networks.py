@@ -18,6 +18,7 @@ ENCODINGS = {
     "SphericalHarmonics": (3, encodings.SphericalHarmonics(5)),
     "LatentTexture": (2, encodings.LatentTexture(5, 7, 3)),
     "LatentTexture, wrap": (2, encodings.LatentTexture(4, 6, 2, wrap=True)),
+    "Scaled": (3, encodings.Scaled(encodings.SphericalHarmonics(3), 2.0, -1.0)),
     "HashGrid": (3, encodings.HashGrid(4, 2, 8, 3, 1.7)),
     "Concatenate": (
         5,

@@ -7,7 +7,7 @@ from math import ceil, factorial
 import numpy as np
 from numpy.polynomial import Legendre
 
-from warp_neural.kernels.nn.encodings import Concatenate, Encoding
+from warp_neural.kernels.nn.encodings import Concatenate, Encoding, Scaled
 
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint64)
 
@@ -112,6 +112,8 @@ def hash_grid(x, parameters, levels, features, log2_size, base_resolution, growt
 
 def expected(encoding: Encoding, x: np.ndarray, parameters: np.ndarray, dy: np.ndarray | None = None) -> np.ndarray:
     """Values `[n, n_out]`, or with `dy` the gradient of the parameters."""
+    if isinstance(encoding, Scaled):
+        return expected(encoding.encoding, encoding.scale * x + encoding.offset, parameters, dy)
     if isinstance(encoding, Concatenate):
         results, start, first = [], 0, 0
         for part, indices in encoding.reads(x.shape[1]):

@@ -16,6 +16,7 @@ from warp_neural.kernels.nn.encodings import (
     Identity,
     LatentTexture,
     OneBlob,
+    Scaled,
     SphericalHarmonics,
     TriangleWave,
 )
@@ -42,6 +43,8 @@ CASES = [
     (HashGrid(4, 4, log2_size=8, base_resolution=4, growth=1.5), 3),
     (HashGrid(2, 3, log2_size=9, base_resolution=4), 4),
     (MIXED, 3),
+    (Scaled(MIXED, 0.5, 0.25), 3),
+    (Concatenate((Scaled(SphericalHarmonics(3), 2.0, -1.0), Scaled(Identity(), 0.0, 1.0))), 3),
 ]
 each_case = pytest.mark.parametrize(("encoding", "n_in"), CASES, ids=[f"{type(e).__name__}-{n}" for e, n in CASES])
 OFFSET, PAD = 4, 8  # floats before the first network's parameters, and between networks

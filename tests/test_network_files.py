@@ -66,6 +66,7 @@ LATENT = encodings.LatentTexture(3, 2, channels=2, initial=(-1.0, 1.0))
 ENCODINGS = [
     (encodings.Frequency(3), 5),
     (LATENT, 2),
+    (encodings.Scaled(LATENT, 2.0, -1.0), 2),
     (encodings.HashGrid(levels=2, log2_size=4, base_resolution=2, growth=1.5), 3),
     (encodings.Concatenate((encodings.Identity(), LATENT), ((0, 2), (1, 2))), 3),
 ]

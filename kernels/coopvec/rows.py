@@ -100,3 +100,35 @@ def make_warpgroup_kernel(spec: NetworkSpec, schedule: RowsSchedule) -> wp.Kerne
         evaluate_rows(params, memory, x, y)
 
     return evaluate_kernel
+
+
+@cache
+def make_adjoint_kernel(network: wp.Function | None, encode: wp.Function | None, gradient: wp.Function | None):
+    """Of each row of x and dy, float32: adds to `params.master.grad`, unless that is null, and writes the row of dx,
+    unless dx has no rows; dim: the rows, rounded up to whole blocks.
+
+    network: the adjoint of `make_network`, or None for an encoding alone. encode, gradient: `Encoding.make` and
+    `make_encode_gradient`, or None for a network alone.
+    """
+    vec_in = (encode or network).input_types["x"]
+    vec_out = (network or gradient).input_types["dy"]
+    load_x, load_dy = (make_load(vec._length_, wp.float32) for vec in (vec_in, vec_out))
+    store = make_store(vec_in._length_, wp.float32)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def adjoint_kernel(params: Parameters, x: wp.array2d[float], dy: wp.array2d[float], dx: wp.array2d[float]):
+        i, last = wp.tid(), x.shape[0] - 1
+        v = load_x(x, wp.min(i, last))
+        d = load_dy(dy, wp.min(i, last))
+        if i > last:  # of a whole warp, which multiplies together
+            d = vec_out()
+        if wp.static(encode is None):
+            result = network(params, v, d, pool())
+        elif wp.static(network is None):
+            result = gradient(params, v, d)
+        else:
+            result = gradient(params, v, network(params, encode(params, v), d, pool()))
+        if i < dx.shape[0]:
+            store(dx, i, result)
+
+    return adjoint_kernel

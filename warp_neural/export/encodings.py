@@ -12,6 +12,7 @@ from warp_neural.kernels.nn.encodings import (
     Identity,
     LatentTexture,
     OneBlob,
+    Scaled,
     SphericalHarmonics,
     TriangleWave,
 )
@@ -41,6 +42,12 @@ def _(encoding: Concatenate, x: Values, out: int, start: int) -> list[Statement]
         name = type(leaf.encoding).__name__
         statements.append(Block(name, tuple(encode(leaf.encoding, inputs, out + leaf.result, start + leaf.parameter))))
     return statements
+
+
+@encode.register
+def _(encoding: Scaled, x: Values, out: int, start: int) -> list[Statement]:
+    inputs = tuple(f"({number(encoding.scale)} * {value} + {number(encoding.offset)})" for value in x)
+    return encode(encoding.encoding, inputs, out, start)
 
 
 @encode.register

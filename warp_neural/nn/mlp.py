@@ -85,16 +85,35 @@ class MLP(Functions):
         self.device = device
         self.words = network_layout(spec, device.is_cuda)[1]
         n = self.encoding_start + state.encoding_parameters.size if self.encoding else state.parameters.size
-        self.master = wp.zeros(n, dtype=float, device=device, requires_grad=True)  # networks, then encodings
+        master = wp.zeros(n, dtype=float, device=device, requires_grad=True)  # networks, then encodings
         self.packed = wp.zeros(self.count * self.words, dtype=wp.uint32, device=device)
         self.table = wp.array(layer_table(spec, device.is_cuda), dtype=int, device=device)
         self.steps = wp.ones((self.count, len(spec.layers), 2), dtype=float, device=device)  # int8: input, weight
         self.Params = self.params_type()
         self.params, self.plain = self.Params(), Parameters()
         for params in (self.params, self.plain):
-            params.packed, params.master, params.network = self.packed, self.master, 0
+            params.packed, params.network = self.packed, 0
             params.count, params.kind = self.count, kind_of(self.Params)
+        self._use(master)
         self.load_state(state)
+
+    def _use(self, master: wp.array) -> None:
+        self.master = self.params.master = self.plain.master = master
+
+    def share(self, master: wp.array) -> None:
+        """Keep the parameters in `master` from now on, float32 [master.size] in this order, and take its values.
+
+        For memory that another library changes too; call `pack()` when it has. Not for a network whose `Trainer` there
+        is already.
+        """
+        if (master.dtype, master.shape, master.device) != (wp.float32, self.master.shape, self.device):
+            here = f"{master.dtype.__name__} {master.shape} on {master.device.alias}"
+            raise InputError(f"share: {here}; expected float32 {self.master.shape} on {self.device.alias}")
+        if not master.is_contiguous or master.ptr % 16:
+            raise InputError("share: memory with gaps, or not aligned to 16 bytes; give a copy")
+        master.requires_grad = True
+        self._use(master)
+        self.pack()
 
     @property
     def state(self) -> NetworkState:

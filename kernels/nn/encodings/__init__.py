@@ -6,6 +6,7 @@ from warp_neural.kernels.nn.encodings.frequency import Frequency, Identity, Tria
 from warp_neural.kernels.nn.encodings.hash_grid import HashGrid
 from warp_neural.kernels.nn.encodings.latent_texture import LatentTexture
 from warp_neural.kernels.nn.encodings.one_blob import OneBlob
+from warp_neural.kernels.nn.encodings.scaled import Scaled
 from warp_neural.kernels.nn.encodings.spherical_harmonics import SphericalHarmonics
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "Identity",
     "LatentTexture",
     "OneBlob",
+    "Scaled",
     "SphericalHarmonics",
     "TriangleWave",
 ]

@@ -149,6 +149,22 @@ def make_encode_adjoint(encoding: Encoding, n_in: int, offset: int, stride: int)
     return encode_adjoint
 
 
+@cache
+def make_encode_gradient(encoding: Encoding, n_in: int, offset: int) -> wp.Function:
+    """`(params: Parameters, x, dy: vec of n_out) -> dx`: adds to `params.master.grad`, unless that is null.
+
+    Of network 0, for kernels that are not differentiated themselves.
+    """
+    vec_in, vec_out = wp.types.vector(n_in, float), wp.types.vector(encoding.n_out(n_in), float)
+    begin = WHOLE + enter(range(n_in), offset, 0) + ENTER_ADJOINT
+    begin += f"wp::vec_t<{n_in}, real> dx;\nconst real* const d_out = dy.c;\nreal* const d_in = dx.c;\n"
+
+    @wp.func_native(f"{begin}{encoding.adjoint_text(n_in, gcd(offset, 4))}return dx;\n")
+    def encode_gradient(params: Parameters, x: vec_in, dy: vec_out) -> vec_in: ...
+
+    return encode_gradient
+
+
 def enter(inputs: Sequence[int], offset: int, stride: int) -> str:
     return f"""using real = wp::float32;
 const wp::int64 start = {offset} + wp::int64(params.network) * {stride};

@@ -1,0 +1,1 @@
+"""A picture learned in PyTorch, as tiny-cuda-nn's example does."""
