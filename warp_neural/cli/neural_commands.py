@@ -19,7 +19,10 @@ SUFFIX = ".wnm"
 
 @dataclass(frozen=True, kw_only=True)
 class Bake(Options):
-    """Bake a layered material into a neural one: latents and small networks, in one file for renderers."""
+    """Bake a layered material into a neural one: latents and small networks, in one file for renderers.
+
+    Early: highlights are too wide yet, and grazing views too bright.
+    """
 
     source: tyro.conf.Positional[str]
     """folder of maps, a MaterialX document (.mtlx), or deluxe, the built-in one with everything"""
