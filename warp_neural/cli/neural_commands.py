@@ -21,7 +21,7 @@ SUFFIX = ".wnm"
 class Bake(Options):
     """Bake a layered material into a neural one: latents and small networks, in one file for renderers.
 
-    Early: highlights are too wide yet, and grazing views too bright.
+    Early: in the small form of a CPU highlights are too wide yet, and grazing views too bright.
     """
 
     source: tyro.conf.Positional[str]
