@@ -61,8 +61,8 @@ def test_samples_follow_the_density(device):
 
 
 def test_a_set_calls_each_material_as_it_is_alone(device):
-    """With different materials in one warp; sets of one are the measure, bit for bit but on CUDA, where the last threads
-    are no whole warp: their sums are in another order than tensor cores have."""
+    """With different materials in one warp; sets of one are the measure, bit for bit but on CUDA: the last
+    threads there are no whole warp, and sum in another order than tensor cores do."""
     rng, n = np.random.default_rng(5), 512
     states = [random_state(SPEC, seed, side=4 << seed) for seed in range(3)]
     index, places = rng.integers(0, 3, n), np.column_stack([rng.uniform(-2, 2, (n, 2)), rng.uniform(-1, 6, n)])
